@@ -1,0 +1,24 @@
+"""What goes wrong is said in one line.
+
+`InputError` is for what a person wrote (a scene, a file, an argument): the line names the place, the
+value and what would be right.  `StabilityError` is for a run that left its bounds.
+"""
+
+import difflib
+from collections.abc import Iterable
+
+
+class InputError(ValueError):
+    """Input that cannot be used; its text is one line that says what would be right."""
+
+
+class StabilityError(RuntimeError):
+    """A run left its bounds; its text names floe, time, step and a step that would hold."""
+
+
+def choose(word: object, allowed: Iterable[str]) -> str:
+    """The end of an error message: the allowed words, and the nearest one if one is near."""
+    words = sorted(allowed)
+    near = difflib.get_close_matches(str(word), words, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"allowed: {', '.join(words)}{hint}"

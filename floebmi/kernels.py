@@ -1,0 +1,64 @@
+"""How this package uses numba; no other file sets it up.
+
+`jit` compiles with a disk cache whose folder is named after a hash of the package's sources: numba's own
+cache watches only the file of the cached function, and would go on running an edited law of another file.
+
+`dispatched` picks the code of a law by the *type* of its first argument, when the kernel is compiled.
+A law is a NamedTuple of numbers; `None` is the law that is not there, and compiles to nothing.
+"""
+
+import functools
+import hashlib
+import inspect
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import platformdirs
+from numba.extending import overload
+
+FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
+
+
+def _cache_folder() -> str:
+    sources = (path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    jitted = b"".join(source for source in sources if b"kernels import" in source)
+    digest = hashlib.sha256(jitted).hexdigest()[:16]
+    root = os.environ.get("FLOEBMI_CACHE") or platformdirs.user_cache_dir("floebmi")
+    return str(Path(root) / "kernels" / digest)
+
+
+CACHE_FOLDER = _cache_folder()
+
+
+def jit(function: Callable) -> Callable:
+    """Compile for the machine; cached on disk, NaN-safe fast mathematics, no GIL."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = CACHE_FOLDER
+    try:
+        return numba.njit(
+            cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True
+        )(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def _python_type(numba_type: numba.types.Type) -> type:
+    if isinstance(numba_type, numba.types.BaseNamedTuple):
+        return numba_type.instance_class
+    if isinstance(numba_type, (numba.types.NoneType, numba.types.Omitted)):
+        return type(None)
+    return object
+
+
+def dispatched(default: Callable) -> Callable:
+    """A function whose code is picked by the type of its first argument, in Python and in kernels."""
+    generic = functools.singledispatch(default)
+
+    @overload(generic, strict=False, jit_options={"fastmath": FASTMATH, "error_model": "numpy"})
+    def pick(*args):
+        return generic.dispatch(_python_type(args[0]))
+
+    pick.__signature__ = inspect.signature(default)
+    return generic
