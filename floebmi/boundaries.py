@@ -2,9 +2,18 @@
 
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
+from floebmi.floes import Floes
+from floebmi.quantities import Positive
+from floebmi.sizes import Sizes, check_sizes
 
 Edge = Literal["inactive", "periodic", "closed"]
+EDGES = ("west", "east", "south", "north")
+_AXIS = {"west": 0, "east": 0, "south": 1, "north": 1}
+_SIDE = {"west": 1.0, "east": -1.0, "south": 1.0, "north": -1.0}
 
 
 class Domain(NamedTuple):
@@ -12,6 +21,11 @@ class Domain(NamedTuple):
 
     An `inactive` edge disables a floe whose centre leaves (its mass is booked), `periodic` edges come in
     pairs, a `closed` edge is a fixed frictionless wall.
+
+    Examples
+    --------
+    >>> Domain(x=(0.0, 40e3), y=(0.0, 20e3), west="periodic", east="periodic").period
+    (40000.0, None)
     """
 
     x: tuple[float, float]
@@ -25,8 +39,8 @@ class Domain(NamedTuple):
     def period(self) -> tuple[float | None, float | None]:
         """Length of the period along x and y [m], None where the edges are not periodic."""
         return (
-            self.x[1] - self.x[0] if self.west == "periodic" else None,
-            self.y[1] - self.y[0] if self.south == "periodic" else None,
+            float(self.x[1] - self.x[0]) if self.west == "periodic" else None,
+            float(self.y[1] - self.y[0]) if self.south == "periodic" else None,
         )
 
     @property
@@ -34,14 +48,61 @@ class Domain(NamedTuple):
         """Area of the rectangle [m²]."""
         return (self.x[1] - self.x[0]) * (self.y[1] - self.y[0])
 
+    def position(self, edge: str) -> float:
+        """Coordinate of an edge [m]."""
+        return float((self.x, self.y)[_AXIS[edge]][0 if _SIDE[edge] > 0 else 1])
+
+
+class Wall(NamedTuple):
+    """A straight frictionless wall that bounds the ice towards one edge of the domain (eq. wall).
+
+    Without a stress it stands still or moves at `velocity`.  With a normal stress it has a mass and moves
+    freely along its normal, loaded with N × length × thickness.
+
+    Parameters
+    ----------
+    edge : "west", "east", "south" or "north": the ice is on the other side
+    position : coordinate along its normal [m]; the domain's edge if not given
+    velocity : along +x or +y [m/s]; of a loaded wall the initial one
+    normal_stress : N [Pa], positive presses the ice together
+    mass : [kg], of a loaded wall; the mass of all floes if not given
+    damping : fraction of critical damping [1], of a loaded wall
+    """
+
+    edge: Literal["west", "east", "south", "north"]
+    position: float | None = None
+    velocity: float = 0.0
+    normal_stress: float | None = None
+    mass: Positive | None = None
+    damping: float = 1.0
+
+
+class Inflow(NamedTuple):
+    """New floes along an edge of the domain, each as soon as there is room for it; their mass is booked.
+
+    Parameters
+    ----------
+    edge : "west", "east", "south" or "north"
+    sizes : a size distribution
+    thickness : [m]
+    velocity : of a new floe [m/s]
+    span : stretch of the edge that is open, coordinates along it [m]; all of it if not given
+    """
+
+    edge: Literal["west", "east", "south", "north"]
+    sizes: Sizes
+    thickness: Positive = 1.0
+    velocity: tuple[float, float] = (0.0, 0.0)
+    span: tuple[float, float] | None = None
+
 
 def check_domain(domain: Domain) -> None:
     """Refuse an empty rectangle, unknown words, and a periodic edge without its partner."""
     for name in ("x", "y"):
         low, high = getattr(domain, name)
-        if not high > low:
+        if not (np.isfinite(low) and np.isfinite(high) and high > low):
             raise InputError(f"domain.{name} = ({low}, {high}): the second must be larger")
-    for edge in ("west", "east", "south", "north"):
+    for edge in EDGES:
         word = getattr(domain, edge)
         allowed = ("inactive", "periodic", "closed")
         if word not in allowed:
@@ -49,3 +110,114 @@ def check_domain(domain: Domain) -> None:
     for one, other in (("west", "east"), ("south", "north")):
         if (getattr(domain, one) == "periodic") != (getattr(domain, other) == "periodic"):
             raise InputError(f"domain.{one} and domain.{other}: both or neither must be 'periodic'")
+
+
+def _check_edge(what: str, edge: str, domain: Domain) -> None:
+    if edge not in EDGES:
+        raise InputError(f"{what}.edge = {edge!r}: {choose(edge, EDGES)}")
+    if getattr(domain, edge) == "periodic":
+        raise InputError(f"{what}.edge = {edge!r}: the domain is periodic there; use another edge")
+
+
+def build_walls(
+    domain: Domain, walls: tuple[Wall, ...], floes: Floes, density: float, youngs_modulus: float
+) -> np.ndarray:
+    """Records of dtype `WALL`: the listed walls, and a fixed one at each closed edge.
+
+    Raises
+    ------
+    InputError
+        for an unknown or periodic edge, two walls at one edge, or a loaded wall that has nothing to load.
+    """
+    listed = {}
+    for wall in walls:
+        _check_edge("wall", wall.edge, domain)
+        if wall.edge in listed:
+            raise InputError(f"wall.edge = {wall.edge!r}: there are two walls at this edge; use one")
+        listed[wall.edge] = wall
+    for edge in EDGES:
+        if getattr(domain, edge) == "closed":
+            listed.setdefault(edge, Wall(edge))
+    records = np.zeros(len(listed), WALL).view(np.recarray)
+    ice = floes.active & ~floes.land
+    for record, wall in zip(records, listed.values(), strict=True):
+        axis = _AXIS[wall.edge]
+        record.axis, record.side = axis, _SIDE[wall.edge]
+        record.position = domain.position(wall.edge) if wall.position is None else wall.position
+        record.speed = wall.velocity
+        if wall.normal_stress is None:
+            continue
+        volume = floes.volume[ice].sum()
+        if not volume:
+            raise InputError("wall.normal_stress: there is no ice to load; add floes or leave it out")
+        thickness = volume / floes.area[ice].sum()
+        along, across = (
+            (domain.y, domain.x)[axis][1] - (domain.y, domain.x)[axis][0],
+            (domain.x, domain.y)[axis][1] - (domain.x, domain.y)[axis][0],
+        )
+        mass = density * volume if wall.mass is None else wall.mass
+        record.inverse_mass = 1.0 / mass
+        record.press = wall.normal_stress * along * thickness
+        # the pack as a spring: E h in series across it, in parallel along it
+        spring = youngs_modulus * thickness * along / across
+        record.damping = 2.0 * wall.damping * np.sqrt(spring / mass)
+    return records
+
+
+class Feeder:
+    """Adds the floes of an inflow; draws from a generator that is part of the model's state."""
+
+    def __init__(self, inflow: Inflow, domain: Domain) -> None:
+        _check_edge("inflow", inflow.edge, domain)
+        check_sizes(inflow.sizes)
+        self.inflow, self.domain = inflow, domain
+        self.axis = _AXIS[inflow.edge]
+        along = (domain.y, domain.x)[self.axis] if inflow.span is None else inflow.span
+        self.span = float(along[0]), float(along[1])
+        widest = 2 * inflow.sizes.range[1]
+        if self.span[1] - self.span[0] < widest:
+            raise InputError(
+                f"inflow.span = {self.span}: narrower than the largest floe; must be at least {widest:g} m"
+            )
+        self.waiting: float | None = None  # radius of the floe that found no room yet
+
+    def feed(self, floes: Floes, rng: np.random.Generator) -> np.ndarray:
+        """Add floes until the next one finds no room; returns the numbers of the new ones."""
+        added = []
+        while True:
+            if self.waiting is None:
+                self.waiting = float(self.inflow.sizes.draw(1, rng)[0])
+            place = self._room(floes, self.waiting, rng)
+            if place is None:
+                return np.concatenate(added) if added else np.empty(0, np.int64)
+            u, v = self.inflow.velocity
+            added.append(floes.add(*place, self.waiting, self.inflow.thickness, u, v))
+            self.waiting = None
+
+    def _room(
+        self, floes: Floes, radius: float, rng: np.random.Generator
+    ) -> tuple[float, float] | None:
+        """A random free place for a disc that touches the edge from inside, if there is one."""
+        edge = self.inflow.edge
+        across = self.domain.position(edge) + _SIDE[edge] * radius
+        other, along = (floes.x, floes.y) if self.axis == 0 else (floes.y, floes.x)
+        near = floes.radius + radius
+        close = np.flatnonzero(floes.active & (np.abs(other - across) < near))
+        half = np.sqrt(near[close] ** 2 - (other[close] - across) ** 2)
+        low, high = self.span[0] + radius, self.span[1] - radius
+        blocked = sorted(zip(along[close] - half, along[close] + half, strict=True))
+        free, start = [], low
+        for begin, end in [*blocked, (high, high)]:
+            if begin > start:
+                free.append((start, min(begin, high)))
+            start = max(start, end)
+        lengths = np.array([max(end - begin, 0.0) for begin, end in free])
+        if not lengths.sum() > 0:
+            return None
+        spot = rng.uniform(0.0, lengths.sum())
+        for (begin, _), length in zip(free, lengths, strict=True):
+            if spot <= length:
+                place = begin + spot
+                return (across, place) if self.axis == 0 else (place, across)
+            spot -= length
+        return None

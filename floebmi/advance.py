@@ -1,0 +1,247 @@
+"""From one exchange to the next: pack, list neighbours, step, and again until the time is reached.
+
+What happens here is a function of the state alone: floes, what contacts remember, walls.  So a run that
+stops and restarts at an exchange goes on with the same bits.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from floebmi.boundaries import Domain, Feeder
+from floebmi.budgets import Ledger
+from floebmi.contact import Contact, prepare
+from floebmi.dynamics import BLOCK, Step, taylor, touch, verlet
+from floebmi.errors import StabilityError
+from floebmi.floes import Floes
+from floebmi.forces import AtFloes, Booked, Force, fastest_rate
+from floebmi.pack import (
+    PairList,
+    Stiffest,
+    list_pairs,
+    look,
+    pack,
+    paper_step,
+    reach,
+    remembered,
+    stable_step,
+    stiffest,
+    take,
+    unpack,
+)
+
+DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
+SKIN = 0.3  # of the smallest radius; wider where sizes differ much, since few of the pairs then move
+
+
+@dataclass
+class Counters:
+    """What was done since the start: for reports, and to see where time goes."""
+
+    steps: int = 0
+    floe_steps: int = 0
+    rebuilds: int = 0
+    pairs: int = 0  # candidate pairs, summed over steps
+    bonds_broken: int = 0
+    shortest_step: float = np.inf
+    longest_step: float = 0.0
+
+
+@dataclass
+class State:
+    """What an advance starts from and leaves behind, besides the floes."""
+
+    walls: np.ndarray
+    memory: PairList
+    previous: np.ndarray | None
+    rng: np.random.Generator
+    feeders: tuple[Feeder, ...] = ()
+    ledger: Ledger = field(default_factory=Ledger)
+    counters: Counters = field(default_factory=Counters)
+
+
+class Advance:
+    """One exchange interval of a model's floes; kept only while it lasts."""
+
+    def __init__(
+        self,
+        floes: Floes,
+        state: State,
+        domain: Domain,
+        contact: Contact | None,
+        forces: tuple[Force, ...],
+        at: tuple[AtFloes, ...],
+        step: Step,
+        density: float,
+        time: float,
+    ) -> None:
+        self.floes, self.state, self.domain, self.step = floes, state, domain, step
+        self.contact = None if contact is None else prepare(contact)
+        self.wall_law = None if contact is None else self.contact._replace(friction=None, bonds=None)
+        self.forces, self.at, self.density, self.time = forces, at, density, time
+        self.period = domain.period
+        self.constraint = np.zeros(3)
+        self.losses = np.zeros(4)
+        self.buffer = np.empty(15 * BLOCK)
+
+    # ---- packing and the list ----------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Pack the floes, list their neighbours, and find the forces they begin with."""
+        self._pack(self.state.memory, np.arange(len(self.floes)))
+
+    def _pack(self, old: PairList, old_place: np.ndarray) -> None:
+        state = self.state
+        self.packed = pack(self.floes, self.contact, self.density, state.previous)
+        number = self.packed.number
+        self.here = tuple(_in_order(at, number) for at in self.at)
+        radius = self.packed.place.r
+        smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
+        decades = np.log2(largest / smallest) if largest else 0.0
+        self.skin = SKIN * smallest * min(1.0 + 0.5 * decades, 3.0) if largest else 0.0
+        self.pairs = list_pairs(self.packed, self.contact, self.period, self.skin, old, old_place)
+        self._list_walls()
+        self._touch(0.0)
+        self.travelled = 0.0
+        self.stiffest = stiffest(
+            self.contact, self.packed, self.pairs, self.period,
+            state.walls, self.wall_floe, self.wall_number,
+        )  # fmt: skip
+        state.counters.rebuilds += 1
+
+    def _list_walls(self) -> None:
+        place, floes, numbers = self.packed.place, [], []
+        if self.contact is not None:
+            near = place.r + self.skin
+            for w, wall in enumerate(self.state.walls):
+                across = place.x if wall.axis == 0 else place.y
+                close = np.flatnonzero(wall.side * (across - wall.position) < near)
+                floes.append(close)
+                numbers.append(np.full(len(close), w))
+        self.wall_floe = np.concatenate(floes) if floes else np.zeros(0, np.int64)
+        self.wall_number = np.concatenate(numbers) if numbers else np.zeros(0, np.int64)
+
+    def _touch(self, dt: float) -> None:
+        p = self.packed
+        touch(
+            self.contact, self.wall_law, *self.period, p.place, p.moving, p.spinning,
+            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
+            self.state.walls, self.wall_floe, self.wall_number, dt, p.force, self.buffer,
+        )  # fmt: skip
+
+    def _unpack(self) -> None:
+        unpack(self.packed, self.floes, self.state.previous)
+        for at, here in zip(self.at, self.here, strict=True):
+            for whole, part in zip(at.booked, here.booked, strict=True):
+                whole[self.packed.number] = part
+
+    def finish(self) -> None:
+        """Put everything back into the floes and the state, and close the books."""
+        self._unpack()
+        self.state.memory = remembered(self.packed, self.pairs, len(self.floes))
+        self._book()
+
+    def _renew(self) -> None:
+        """A fresh list: floes that left are dropped, those beyond a seam wrapped, new ones added."""
+        self._unpack()
+        old, old_place = self.pairs, np.full(len(self.floes), -1)
+        old_place[self.packed.number] = np.arange(len(self.packed.number))
+        leaving = self._cross_edges()
+        elastic = self.elastic_energy() if len(leaving) else 0.0
+        self.floes.active[leaving] = False
+        added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
+        new = np.concatenate(added) if added else np.empty(0, np.int64)
+        if len(new):
+            old_place = np.concatenate([old_place, np.full(len(new), -1)])
+            self._grow(len(new))
+        self._pack(old, old_place)
+        if len(leaving):
+            stock = floe_stock(self.floes, leaving, self.density)
+            stock[3] -= self.elastic_energy() - elastic
+            self.state.ledger.book("outflow", *-stock)
+        if len(new):
+            self.state.ledger.book("inflow", *floe_stock(self.floes, new, self.density))
+
+    def _cross_edges(self) -> np.ndarray:
+        """Wrap floes beyond a periodic seam; returns the numbers of those that left for good."""
+        floes, domain = self.floes, self.domain
+        gone = np.zeros(len(floes), bool)
+        for place, (low, high), period, edges in (
+            (floes.x, domain.x, self.period[0], (domain.west, domain.east)),
+            (floes.y, domain.y, self.period[1], (domain.south, domain.north)),
+        ):
+            if period is not None:
+                place -= period * np.floor((place - low) / period)
+                continue
+            if edges[0] == "inactive":
+                gone |= place < low
+            if edges[1] == "inactive":
+                gone |= place > high
+        return np.flatnonzero(gone & floes.active & ~floes.land)
+
+    def _grow(self, count: int) -> None:
+        """Room for new floes in what is kept per floe outside of `Floes`."""
+        if self.state.previous is not None:
+            self.state.previous = np.concatenate([self.state.previous, np.zeros((count, 3))])
+        self.at = self.grow_at(count)
+
+    # ---- stepping ----------------------------------------------------------------------------------
+
+    def longest_step(self) -> float:
+        """The step that the scene asks for [s]; inf where nothing limits it."""
+        if self.step.length is not None:
+            return self.step.length
+        if self.contact is not None and self.step.epsilon is not None and len(self.floes):
+            return paper_step(self.floes, self.contact, self.density, self.step.epsilon)
+        return stable_step(self.stiffest, self.step)
+
+    def run(self, duration: float) -> None:
+        """Advance by `duration` seconds, exactly."""
+        self._cross_edges_at_start()
+        self.start()
+        done = 0.0
+        while done < duration:
+            done = self._some_steps(done, duration)
+            if done < duration:
+                self._renew()
+        self.finish()
+
+    def _some_steps(self, done: float, duration: float) -> float:
+        """Steps until the time is reached or the list may be stale; returns the time reached."""
+        rest, dt = duration - done, self.longest_step()
+        if self.step.length is None and self.step.epsilon is None:
+            steps = max(1, int(np.ceil(rest / dt - 1e-9)))
+            dt = rest / steps
+        else:
+            steps = max(1, int(rest / dt + 1e-9))  # a shorter one ends the interval
+            dt = min(dt, rest)
+        taken = 0
+        substeps = self._substeps(dt)
+        while taken < steps:
+            n, self.travelled = self._kernel(dt, steps - taken, substeps)
+            taken += n
+            self._count(n, dt)
+            self._check(dt, done + taken * dt)
+            if taken < steps:
+                self.travelled = strayed(self.packed, len(self.wall_floe) > 0)
+                if self.travelled > 0.7 * self._half_skin():
+                    break
+        reached = done + taken * dt
+        return duration if abs(duration - reached) <= 1e-9 * dt else reached
+
+    def _half_skin(self) -> float:
+        return 0.5 * self.skin if self.contact is not None else self._shortest_leave()
+
+    def _kernel(self, dt: float, steps: int, substeps: int) -> tuple[int, float]:
+        s, half_skin = self.state, self._half_skin()
+        lists = s.walls, self.wall_floe, self.wall_number, self.constraint, self.losses
+        laws = self.contact, self.wall_law, self.forces, self.here, *self.period
+        if self.step.scheme == "verlet":
+            return verlet(
+                *laws, self.packed, self.pairs, *lists, dt, steps, substeps,
+                self.travelled, half_skin,
+            )  # fmt: skip
+        return taylor(
+            self.step.scheme == "taylor3", *laws, self.packed, self.pairs, *lists, dt, steps,
+            self.travelled, half_skin,
+        )  # fmt: skip

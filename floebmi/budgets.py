@@ -1,0 +1,103 @@
+"""Ledgers: where mass, momentum and energy came from and where they went.
+
+A ledger is one table.  Each row is an account (ocean, walls, friction …) with what it brought to the ice
+since the start; what is there now must equal what was there at first plus all accounts, and the
+difference is printed as the residual, never corrected.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+QUANTITIES = ("mass", "momentum_x", "momentum_y", "energy")
+UNITS = ("kg", "N s", "N s", "J")
+
+
+class Balance(NamedTuple):
+    """One quantity's balance: start + gains − now = residual; `relative` is to what was exchanged."""
+
+    start: float
+    gained: float
+    now: float
+    residual: float
+    relative: float
+
+
+class Ledger:
+    """Accounts of mass [kg], momentum along x and y [N s] and energy [J] of the ice."""
+
+    def __init__(self) -> None:
+        self.start = np.zeros(4)
+        self.now = np.zeros(4)
+        self.accounts: dict[str, np.ndarray] = {}
+        self.turnover = np.zeros(4)  # sum of what passed, whatever its sign
+
+    def open(self, stock: np.ndarray) -> None:
+        """Begin with what is there: (mass, momentum x, momentum y, energy)."""
+        self.start = stock.copy()
+        self.now = stock.copy()
+
+    def book(
+        self, account: str, mass: float = 0.0, x: float = 0.0, y: float = 0.0, energy: float = 0.0
+    ) -> None:
+        """Add what an account brought to the ice (negative: took)."""
+        row = np.array([mass, x, y, energy])
+        self.accounts[account] = self.accounts.get(account, np.zeros(4)) + row
+        self.turnover += np.abs(row)
+
+    def balance(self, quantity: str) -> Balance:
+        """The balance of "mass", "momentum_x", "momentum_y" or "energy"."""
+        q = QUANTITIES.index(quantity)
+        gained = sum(row[q] for row in self.accounts.values())
+        residual = self.now[q] - self.start[q] - gained
+        scale = max(abs(self.start[q]), abs(self.now[q]), self.turnover[q])
+        return Balance(
+            float(self.start[q]),
+            float(gained),
+            float(self.now[q]),
+            float(residual),
+            float(abs(residual) / scale) if scale else 0.0,
+        )
+
+    @property
+    def balances(self) -> dict[str, Balance]:
+        """All four balances by name."""
+        return {quantity: self.balance(quantity) for quantity in QUANTITIES}
+
+    def __str__(self) -> str:
+        heads = [f"{name} [{unit}]" for name, unit in zip(QUANTITIES, UNITS, strict=True)]
+        lines = [f"{'':<22}" + "".join(f"{head:>20}" for head in heads)]
+
+        def line(name: str, values: np.ndarray) -> str:
+            return f"{name:<22}" + "".join(
+                f"{value:>20.9g}" if value else f"{'·':>20}" for value in values
+            )
+
+        lines.append(line("at the start", self.start))
+        lines += [line(f"  {name}", row) for name, row in self.accounts.items() if row.any()]
+        lines.append(line("now", self.now))
+        balances = list(self.balances.values())
+        lines.append(line("residual", np.array([b.residual for b in balances])))
+        lines.append(
+            f"{'  relative':<22}" + "".join(f"{b.relative:>20.1e}" for b in balances)
+        )
+        return "\n".join(lines)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Arrays for a restart file."""
+        return {
+            "ledger_start": self.start,
+            "ledger_now": self.now,
+            "ledger_turnover": self.turnover,
+            "ledger_accounts": np.array(list(self.accounts), dtype=np.str_),
+            "ledger_rows": np.array(list(self.accounts.values())).reshape(-1, 4),
+        }
+
+    def restore(self, state: dict[str, np.ndarray]) -> None:
+        """Take up the accounts of a restart file."""
+        self.start = np.array(state["ledger_start"], float)
+        self.now = np.array(state["ledger_now"], float)
+        self.turnover = np.array(state["ledger_turnover"], float)
+        rows = np.asarray(state["ledger_rows"], float).reshape(-1, 4)
+        names = [str(name) for name in np.atleast_1d(state["ledger_accounts"])]
+        self.accounts = {name: row.copy() for name, row in zip(names, rows, strict=True)}

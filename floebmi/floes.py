@@ -1,0 +1,324 @@
+"""The floes: one array per property, and a floe's index is its number for ever.
+
+Nothing here moves.  The model copies these arrays into its kernels and back at each advance, so between
+advances they may be read and edited like any other array (`floes.u[3] = 0.1`).  A floe that leaves the
+domain keeps its number and becomes inactive; new floes are added behind the last one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from floebmi.errors import InputError
+
+FIXED_X = 1  # along x the floe keeps its prescribed velocity
+FIXED_Y = 2
+FIXED_ROTATION = 4
+FIXED = FIXED_X | FIXED_Y | FIXED_ROTATION  # with zero velocity
+DRIVEN = FIXED  # with the velocity that the floe was given
+LAND = 8  # a piece of coast: no ice, no drag, no mass; always together with FIXED
+COAST = FIXED | LAND
+
+_TYPES: dict[str, type] = {
+    "x": np.float64,
+    "y": np.float64,
+    "u": np.float64,
+    "v": np.float64,
+    "radius": np.float64,
+    "thickness": np.float64,
+    "active": np.bool_,
+    "motion": np.int8,
+}
+_ROTATION_TYPES: dict[str, type] = {"angle": np.float64, "angular_velocity": np.float64}
+_UNITS = {
+    "x": "m",
+    "y": "m",
+    "u": "m/s",
+    "v": "m/s",
+    "radius": "m",
+    "thickness": "m",
+    "angle": "rad",
+    "angular_velocity": "rad/s",
+}
+
+
+class _Column:
+    """A property of all floes; assignment writes into the array, so that nobody's view is left behind."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, floes: "Floes", owner: type | None = None) -> np.ndarray:
+        if floes is None:
+            return self  # type: ignore[return-value]
+        return floes._columns[self.name][: len(floes)]
+
+    def __set__(self, floes: "Floes", values: ArrayLike) -> None:
+        if self.name not in floes._columns:
+            raise InputError(f"floes.{self.name}: these floes do not rotate; allow_rotation() first")
+        floes._columns[self.name][: len(floes)] = values
+
+
+class _RotationColumn(_Column):
+    """A property that exists only for floes that rotate; else it is None."""
+
+    def __get__(self, floes: "Floes", owner: type | None = None) -> np.ndarray | None:
+        if floes is not None and self.name not in floes._columns:
+            return None
+        return super().__get__(floes, owner)
+
+
+class Floes:
+    """Circular floes of uniform thickness.
+
+    Parameters
+    ----------
+    x, y : centres [m]
+    radius, thickness : [m], greater than 0
+    u, v : velocity [m/s]
+    motion : bits of what is prescribed: `FIXED_X` (1), `FIXED_Y` (2), `FIXED_ROTATION` (4), or their
+        sum.  `FIXED` (7) with zero velocity is a fixed floe, with a velocity it is a driven one.
+    rotation : whether the floes have an angle and an angular velocity
+    angle, angular_velocity : [rad], [rad/s], counter-clockwise positive; only with `rotation=True`
+
+    Each is a number for all floes or an array of shape (n,).
+
+    Attributes
+    ----------
+    x, y, u, v, radius, thickness, active, motion : arrays of shape (n,)
+    angle, angular_velocity : arrays of shape (n,), or None where floes do not rotate
+
+    Arrays are views on storage that grows by doubling: after `add`, take them from the floes again.
+
+    Raises
+    ------
+    InputError
+        with the floe's number and the value, where a value is not finite or out of its bounds.
+
+    Examples
+    --------
+    >>> floes = Floes(x=[0.0, 25.0], y=0.0, radius=[10.0, 12.0], thickness=1.0)
+    >>> floes
+    Floes(n=2, radius 10 to 12 m, thickness 1 m, area 766.5 m²)
+    >>> floes.add(x=50.0, y=0.0, radius=5.0, thickness=1.0, u=-0.1)
+    array([2])
+    >>> floes.mass(density=934.0).round(1)
+    array([293424.8, 422531.6,  73356.2])
+    """
+
+    x = _Column()
+    y = _Column()
+    u = _Column()
+    v = _Column()
+    radius = _Column()
+    thickness = _Column()
+    active = _Column()
+    motion = _Column()
+    angle = _RotationColumn()
+    angular_velocity = _RotationColumn()
+
+    def __init__(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        radius: ArrayLike,
+        thickness: ArrayLike,
+        u: ArrayLike = 0.0,
+        v: ArrayLike = 0.0,
+        motion: ArrayLike = 0,
+        rotation: bool = False,
+        angle: ArrayLike = 0.0,
+        angular_velocity: ArrayLike = 0.0,
+    ) -> None:
+        types = _TYPES | _ROTATION_TYPES if rotation else _TYPES
+        self._n = 0
+        self._columns = {name: np.empty(0, kind) for name, kind in types.items()}
+        self.add(x, y, radius, thickness, u, v, motion, angle, angular_velocity)
+
+    def __len__(self) -> int:
+        return self._n
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Floes(n=0)"
+        parts = [f"n={len(self)}"]
+        for name in ("radius", "thickness"):
+            low, high = getattr(self, name).min(), getattr(self, name).max()
+            span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+            parts.append(f"{name} {span} m")
+        parts.append(f"area {self.area.sum():.4g} m²")
+        for count, what in (
+            (int(np.count_nonzero(self.motion)), "with prescribed motion"),
+            (int(np.count_nonzero(~self.active)), "inactive"),
+        ):
+            if count:
+                parts.append(f"{count} {what}")
+        return f"Floes({', '.join(parts)})"
+
+    @property
+    def rotation(self) -> bool:
+        """Whether the floes have an angle and an angular velocity."""
+        return "angle" in self._columns
+
+    @property
+    def land(self) -> np.ndarray:
+        """Whether a floe is a piece of coast rather than ice, shape (n,)."""
+        return (self.motion & LAND) != 0
+
+    @property
+    def area(self) -> np.ndarray:
+        """π r² [m²], shape (n,)."""
+        return np.pi * self.radius**2
+
+    @property
+    def volume(self) -> np.ndarray:
+        """π r² h [m³], shape (n,)."""
+        return self.area * self.thickness
+
+    def mass(self, density: float) -> np.ndarray:
+        """ρ π r² h [kg], shape (n,), for ice of the given density [kg/m³]."""
+        return density * self.volume
+
+    def moment_of_inertia(self, density: float) -> np.ndarray:
+        """m r² / 2 about the floe's axis [kg m²], shape (n,), for ice of the given density [kg/m³]."""
+        return 0.5 * self.mass(density) * self.radius**2
+
+    def add(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        radius: ArrayLike,
+        thickness: ArrayLike,
+        u: ArrayLike = 0.0,
+        v: ArrayLike = 0.0,
+        motion: ArrayLike = 0,
+        angle: ArrayLike = 0.0,
+        angular_velocity: ArrayLike = 0.0,
+    ) -> np.ndarray:
+        """Add floes behind the last one; parameters as for `Floes`.
+
+        Returns
+        -------
+        The numbers of the new floes, shape (k,).
+
+        Raises
+        ------
+        InputError
+            as `Floes`; then no floe is added.
+        """
+        given = {
+            "x": x,
+            "y": y,
+            "radius": radius,
+            "thickness": thickness,
+            "u": u,
+            "v": v,
+            "angle": angle,
+            "angular_velocity": angular_velocity,
+        }
+        values = {name: _numbers(name, value) for name, value in given.items()}
+        values["motion"] = _motion_bits(motion)
+        k = _common_length(values)
+        first = self._n
+        for name, value in values.items():
+            _check(name, np.broadcast_to(value, k), first)
+            if name not in self._columns and np.any(value):
+                raise InputError(f"{name} is given for floes that do not rotate; say rotation=True")
+        self._reserve(first + k)
+        self._n += k
+        for name, column in self._columns.items():
+            column[first : first + k] = True if name == "active" else values[name]
+        return np.arange(first, first + k)
+
+    def allow_rotation(self) -> None:
+        """Give the floes an angle and an angular velocity, both zero, if they have none yet."""
+        capacity = len(self._columns["x"])
+        for name, kind in _ROTATION_TYPES.items():
+            self._columns.setdefault(name, np.zeros(capacity, kind))
+
+    def check(self) -> None:
+        """Refuse values that are not finite or out of bounds, such as an edit can leave behind.
+
+        Raises
+        ------
+        InputError
+            with the floe's number and the value.
+        """
+        _motion_bits(self.motion)
+        for name in self._columns:
+            _check(name, getattr(self, name), 0)
+
+    def copy(self) -> "Floes":
+        """Floes with the same numbers and values that share nothing with these."""
+        return Floes.concatenate([self])
+
+    @staticmethod
+    def concatenate(groups: Sequence["Floes"]) -> "Floes":
+        """All floes of some groups in one, numbered in the order given; inactive ones stay so.
+
+        They rotate if any group does; those of the other groups get angle and angular velocity zero.
+        """
+        floes = Floes([], [], [], [], rotation=any(group.rotation for group in groups))
+        floes._reserve(sum(len(group) for group in groups))
+        for group in groups:
+            first, floes._n = floes._n, floes._n + len(group)
+            for name, column in floes._columns.items():
+                here = getattr(group, name)
+                column[first : floes._n] = 0.0 if here is None else here
+        return floes
+
+    def _reserve(self, n: int) -> None:
+        capacity = len(self._columns["x"])
+        if n <= capacity:
+            return
+        capacity = max(n, 2 * capacity)
+        for name, column in self._columns.items():
+            grown = np.zeros(capacity, column.dtype)
+            grown[: self._n] = column[: self._n]
+            self._columns[name] = grown
+
+
+def _numbers(name: str, value: ArrayLike) -> np.ndarray:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {value!r}: must be a number or a row of numbers") from None
+    if array.ndim > 1:
+        raise InputError(f"{name} has shape {array.shape}: must be a number or a row of numbers")
+    return array
+
+
+def _motion_bits(motion: ArrayLike) -> np.ndarray:
+    bits = _numbers("motion", motion)
+    ice = (bits >= 0) & (bits <= FIXED) & (bits == np.floor(bits))
+    wrong = ~(ice | (bits == COAST))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            f"floe {row}: motion = {np.atleast_1d(bits)[row]:g}; must be a sum of FIXED_X = 1, "
+            "FIXED_Y = 2, FIXED_ROTATION = 4, or COAST = 15"
+        )
+    return bits.astype(np.int8)
+
+
+def _common_length(values: dict[str, np.ndarray]) -> int:
+    lengths = {name: len(value) for name, value in values.items() if value.ndim == 1}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise InputError(f"floes: different numbers of values ({told}); must be as many of each")
+    return next(iter(lengths.values()), 1)
+
+
+def _check(name: str, values: np.ndarray, first: int) -> None:
+    unit = _UNITS.get(name)
+    if unit is None:
+        return
+    wrong = ~np.isfinite(values)
+    if name in ("radius", "thickness"):
+        wrong |= values <= 0
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        value = float(values[row])
+        right = "greater than 0" if np.isfinite(value) else "a finite number"
+        raise InputError(f"floe {first + row}: {name} = {value!r} {unit}; must be {right}")

@@ -1,0 +1,133 @@
+"""How much of a disc lies in a cell: areas in closed form.
+
+A disc and a polygon.  The centre of the disc is moved to the origin O first.  Each edge a → b, taken
+counter-clockwise, adds the signed area that the disc shares with the triangle O a b; the sum over the
+edges is exact for convex and concave polygons, wherever O lies.
+
+                  b                         d = b − a       points of the edge: a + t d
+                 /                          A = d·d         B = a·d       C = a × d
+            q   /                           on the circle:  t = (−B ∓ √D) / A,  D = A r² − C²
+          . - ~/~ - .
+       .      /      .                      p, q   where the edge enters and leaves the disc
+      .      /        .                     a … p  outside:  sector r²/2 · angle(a, p)
+             ---------r                     p … q  inside:   triangle  (t_q − t_p) C / 2
+      .    /  O       .                     q … b  outside:  sector r²/2 · angle(q, b)
+        . /          .
+         p . _ _ . '                        angle(u, v) = atan2(u × v, u · v)
+        /
+       a
+
+A disc and a rectangle.  With H(x) the area of the disc west of a line at x from O,
+
+    H(x) = r² (π/2 + asin(x/r)) + x √(r² − x²),
+
+the area south-west of a corner (x, y) needs no more than H of its two lines, and the rectangle is the
+sum of its four corners with signs + − + −.  One H serves a whole line of a rectilinear grid.
+"""
+
+from __future__ import annotations
+
+import math
+
+from floebmi.errors import InputError
+from floebmi.kernels import jit
+
+
+@jit
+def sector(ux, uy, vx, vy):
+    """Signed angle from u to v, seen from the origin."""
+    return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+
+
+@jit
+def disc_edge(ax, ay, bx, by, r):
+    """Twice the signed area that the disc of radius r about O shares with the triangle O a b."""
+    dx, dy = bx - ax, by - ay
+    A = dx * dx + dy * dy
+    B = ax * dx + ay * dy
+    C = ax * dy - ay * dx
+    D = A * r * r - C * C
+    if D <= 0.0:
+        return r * r * sector(ax, ay, bx, by)
+    root = math.sqrt(D)
+    t_p, t_q = (-B - root) / A, (-B + root) / A
+    if t_p >= 1.0 or t_q <= 0.0:
+        return r * r * sector(ax, ay, bx, by)
+    angle = 0.0
+    if t_p > 0.0:
+        angle += sector(ax, ay, ax + t_p * dx, ay + t_p * dy)
+    else:
+        t_p = 0.0
+    if t_q < 1.0:
+        angle += sector(ax + t_q * dx, ay + t_q * dy, bx, by)
+    else:
+        t_q = 1.0
+    return r * r * angle + (t_q - t_p) * C
+
+
+@jit
+def disc_polygon(corner_x, corner_y, x, y, r):
+    """Area of a disc in a simple polygon, convex or concave, corners counter-clockwise [m²].
+
+    Parameters
+    ----------
+    corner_x, corner_y : (k,) corners [m]
+    x, y, r : centre and radius of the disc [m]
+    """
+    twice = 0.0
+    k = corner_x.size - 1
+    for m in range(corner_x.size):
+        twice += disc_edge(corner_x[k] - x, corner_y[k] - y, corner_x[m] - x, corner_y[m] - y, r)
+        k = m
+    return 0.5 * twice
+
+
+@jit
+def disc_west(x, r):
+    """H: area of the disc about O that lies west of the line at x [m²]."""
+    if x <= -r:
+        return 0.0
+    if x >= r:
+        return math.pi * r * r
+    return r * r * (0.5 * math.pi + math.asin(x / r)) + x * math.sqrt((r - x) * (r + x))
+
+
+@jit
+def disc_south_west(x, y, west, south, r):
+    """Area of the disc about O south-west of the corner (x, y), from H of its lines [m²]."""
+    if x * x + y * y < r * r:
+        return x * y + 0.5 * (west + south) - 0.25 * math.pi * r * r
+    if x > 0.0 and y > 0.0:
+        return west + south - math.pi * r * r
+    if x <= 0.0 and y <= 0.0:
+        return 0.0
+    return west if x <= 0.0 else south
+
+
+def disc_rectangle(
+    west: float, east: float, south: float, north: float, x: float, y: float, r: float
+) -> float:
+    """Area of a disc in a rectangle with sides along the axes [m²].
+
+    Parameters
+    ----------
+    west, east, south, north : sides of the rectangle [m]
+    x, y, r : centre and radius of the disc [m]
+
+    Raises
+    ------
+    InputError
+        for an empty rectangle or a radius that is not positive.
+    """
+    if not (east > west and north > south):
+        raise InputError(
+            f"rectangle {west} … {east}, {south} … {north}: the second of each must be larger"
+        )
+    if not r > 0:
+        raise InputError(f"radius = {r}: must be greater than 0")
+    total = 0.0
+    for px, sign_x in ((east - x, 1), (west - x, -1)):
+        for py, sign_y in ((north - y, 1), (south - y, -1)):
+            corner = disc_south_west(px, py, disc_west(px, r), disc_west(py, r), r)
+            total += sign_x * sign_y * corner
+    return max(total, 0.0)

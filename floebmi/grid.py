@@ -1,0 +1,633 @@
+"""Exchange grids: where the host's numbers live, and which of its cells are wet.
+
+Four kinds are one thing here: every cell is a simple polygon with its corners counter-clockwise, an exact
+area (shoelace) and a centroid.  What differs is how a cell is found.  On rectilinear grids a column is
+found by a table along each axis; on the others a raster of square bins, laid over the grid, lists the
+cells that reach into each bin.  Both find a cell in a time that does not grow with the grid.
+
+A point on an edge belongs to one cell only, the one to its east or north, so the grid's own east and
+north rim is outside.  Fields are flat, in C order: shape (size,).
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, final
+
+import numpy as np
+
+from floebmi.errors import InputError
+from floebmi.kernels import jit
+
+Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
+
+FLAT = 1e-12  # a cell whose area is below this times its longest edge squared has no inside
+SLOTS_PER_COLUMN = 16  # upper bound on the table along an axis, for strongly stretched edges
+
+
+class Bins(NamedTuple):
+    """A raster of bins over the grid; bin b lists the cells cell[start[b]:start[b+1]].
+
+    numba_celltree does this job as well, but compiles anew in every process (5 s and more); these bins
+    compile once, and find the same candidates faster.
+    """
+
+    origin: np.ndarray  # (2,) south-west corner of the raster [m]
+    scale: np.ndarray  # (2,) bins per metre along x and y
+    start: np.ndarray  # (bins + 1,), bins row after row
+    cell: np.ndarray  # cells, bin after bin
+    low: np.ndarray  # (size, 2) column and row of the first bin that a cell reaches
+    box: np.ndarray  # (size, 4) west, east, south, north of each cell [m]
+    raster: np.ndarray  # (2,) number of columns and rows
+
+
+@jit
+def column(edges, first, x):
+    """Index i with edges[i] <= x < edges[i+1], for x inside the edges."""
+    last = edges.size - 2
+    slot = int((x - edges[0]) * (first.size / (edges[-1] - edges[0])))
+    i = first[min(max(slot, 0), first.size - 1)]
+    while i < last and x >= edges[i + 1]:
+        i += 1
+    while i > 0 and x < edges[i]:
+        i -= 1
+    return i
+
+
+@jit
+def bin_of(x, origin, scale, count):
+    """Bin along one axis; grows with x, so that a point of a cell is never left of the cell's first bin."""
+    return int(min(max((x - origin) * scale, 0.0), count - 1.0))
+
+
+@jit
+def contains(corner_x, corner_y, x, y):
+    """Whether a polygon holds a point, by the parity of the edges east of it.
+
+    Each edge is read from its lower to its upper end, so that two cells that share it decide alike.
+    """
+    inside = False
+    k = corner_x.size - 1
+    for m in range(corner_x.size):
+        low, high = (m, k) if corner_y[m] <= corner_y[k] else (k, m)
+        if corner_y[low] <= y < corner_y[high]:
+            ax, ay = corner_x[low], corner_y[low]
+            if (corner_x[high] - ax) * (y - ay) > (x - ax) * (corner_y[high] - ay):
+                inside = not inside
+        k = m
+    return inside
+
+
+@jit
+def find_cell(x, y, origin, scale, start, cell, box, raster, corner_x, corner_y, corners):
+    """The cell that holds a point, -1 outside all cells."""
+    bx = bin_of(x, origin[0], scale[0], raster[0])
+    by = bin_of(y, origin[1], scale[1], raster[1])
+    b = by * raster[0] + bx
+    for m in range(start[b], start[b + 1]):
+        c = cell[m]
+        near = box[c, 0] <= x <= box[c, 1] and box[c, 2] <= y <= box[c, 3]
+        if near and contains(corner_x[c, : corners[c]], corner_y[c, : corners[c]], x, y):
+            return c
+    return -1
+
+
+@jit
+def _fill_bins(box, origin, scale, raster):
+    """Count the cells of each bin, then list them: start, cell, low of `Bins`."""
+    size = box.shape[0]
+    low = np.empty((size, 2), np.int64)
+    high = np.empty((size, 2), np.int64)
+    start = np.zeros(raster[0] * raster[1] + 1, np.int64)
+    for c in range(size):
+        for axis in range(2):
+            low[c, axis] = bin_of(box[c, 2 * axis], origin[axis], scale[axis], raster[axis])
+            high[c, axis] = bin_of(box[c, 2 * axis + 1], origin[axis], scale[axis], raster[axis])
+        for by in range(low[c, 1], high[c, 1] + 1):
+            for bx in range(low[c, 0], high[c, 0] + 1):
+                start[by * raster[0] + bx + 1] += 1
+    for b in range(start.size - 1):
+        start[b + 1] += start[b]
+    cell = np.empty(start[-1], np.int64)
+    place = start[:-1].copy()
+    for c in range(size):
+        for by in range(low[c, 1], high[c, 1] + 1):
+            for bx in range(low[c, 0], high[c, 0] + 1):
+                b = by * raster[0] + bx
+                cell[place[b]] = c
+                place[b] += 1
+    return start, cell, low
+
+
+@jit
+def _locate_rectilinear(x_edges, x_first, y_edges, y_first, x, y, found):
+    for k in range(x.size):
+        found[k] = -1
+        if x_edges[0] <= x[k] < x_edges[-1] and y_edges[0] <= y[k] < y_edges[-1]:
+            j = column(y_edges, y_first, y[k])
+            found[k] = j * (x_edges.size - 1) + column(x_edges, x_first, x[k])
+
+
+@jit
+def _locate_polygons(
+    origin, scale, start, cell, box, raster, corner_x, corner_y, corners, x, y, found
+):
+    for k in range(x.size):
+        found[k] = find_cell(
+            x[k], y[k], origin, scale, start, cell, box, raster, corner_x, corner_y, corners
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Grid:
+    """A grid of polygonal cells in the plane, some wet, some dry.  Its arrays are read-only.
+
+    Made by `Grid.uniform`, `Grid.rectilinear`, `Grid.curvilinear` or `Grid.unstructured`.
+
+    Attributes
+    ----------
+    kind : "uniform_rectilinear", "rectilinear", "curvilinear" or "unstructured"
+    shape : (ny, nx), or (n_cells,) if unstructured
+    x, y : (size,) cell centres: the centroids [m]
+    area : (size,) cell areas by the shoelace formula [m²]
+    wet : (size,) bool, True where the fluid is
+    node_x, node_y : (n_nodes,) corners of the cells [m]
+    face_nodes : (size, most corners) int64, the nodes of each cell counter-clockwise, padded with -1
+    x_edges, y_edges : (nx + 1,), (ny + 1,) [m] on rectilinear grids, None on the others
+    """
+
+    kind: Kind
+    shape: tuple[int, ...]
+    x: np.ndarray
+    y: np.ndarray
+    area: np.ndarray
+    wet: np.ndarray
+    node_x: np.ndarray
+    node_y: np.ndarray
+    face_nodes: np.ndarray
+    x_edges: np.ndarray | None = None
+    y_edges: np.ndarray | None = None
+
+    @classmethod
+    def uniform(
+        cls,
+        x: tuple[float, float],
+        y: tuple[float, float],
+        spacing: float | tuple[float, float] | None = None,
+        shape: tuple[int, int] | None = None,
+        wet: np.ndarray | None = None,
+    ) -> Grid:
+        """Equal rectangles that fill x = (west, east), y = (south, north) [m].
+
+        Give either `spacing` [m], one number or (dx, dy), which must divide the sides, or `shape` (ny, nx).
+
+        Raises
+        ------
+        InputError
+            for an empty rectangle, a spacing that does not divide it, both or neither of spacing and shape.
+        """
+        west, east = _interval("x", x)
+        south, north = _interval("y", y)
+        if (spacing is None) == (shape is None):
+            raise InputError(
+                f"grid: spacing = {spacing}, shape = {shape}: give one of them, not both"
+            )
+        if shape is not None:
+            ny, nx = _counts(shape)
+        else:
+            dx, dy = np.broadcast_to(np.asarray(spacing, float), (2,))
+            nx = _divide("x", west, east, float(dx))
+            ny = _divide("y", south, north, float(dy))
+        edges = np.linspace(west, east, nx + 1), np.linspace(south, north, ny + 1)
+        return cls._from_edges("uniform_rectilinear", *edges, wet)
+
+    @classmethod
+    def rectilinear(
+        cls, x_edges: Sequence[float], y_edges: Sequence[float], wet: np.ndarray | None = None
+    ) -> Grid:
+        """Rectangles between edges [m] that grow from west to east and from south to north.
+
+        Raises
+        ------
+        InputError
+            for fewer than two edges, or edges that do not grow.
+        """
+        edges = _edges("x_edges", x_edges), _edges("y_edges", y_edges)
+        return cls._from_edges("rectilinear", *edges, wet)
+
+    @classmethod
+    def curvilinear(
+        cls, x_corners: np.ndarray, y_corners: np.ndarray, wet: np.ndarray | None = None
+    ) -> Grid:
+        """Quadrilaterals between corners [m] of shape (ny + 1, nx + 1).
+
+        The rows may run either way: cells that come out clockwise (all of them) are stored
+        counter-clockwise, which leaves the cells and their order as they are.
+
+        Raises
+        ------
+        InputError
+            for a fold (cells of both orientations), a cell without area, a cell whose edges cross.
+        """
+        x, y = _finite("x_corners", x_corners), _finite("y_corners", y_corners)
+        if x.ndim != 2 or x.shape != y.shape or min(x.shape) < 2:
+            raise InputError(
+                f"grid: x_corners {x.shape}, y_corners {y.shape}: both must be (ny + 1, nx + 1)"
+            )
+        ny, nx = x.shape[0] - 1, x.shape[1] - 1
+        faces = _quadrilaterals(ny, nx)
+        area = _signed_area(x.ravel()[faces], y.ravel()[faces])
+        if (area > 0).any() and (area < 0).any():
+            turned = np.flatnonzero(area < 0 if (area > 0).sum() >= area.size / 2 else area > 0)
+            raise InputError(
+                f"grid: cell (row {turned[0] // nx}, column {turned[0] % nx}) is turned over:"
+                " the grid must not fold"
+            )
+        return cls._from_faces("curvilinear", (ny, nx), x.ravel(), y.ravel(), faces, wet)
+
+    @classmethod
+    def unstructured(
+        cls,
+        node_x: Sequence[float],
+        node_y: Sequence[float],
+        faces: np.ndarray | Sequence[Sequence[int]],
+        wet: np.ndarray | None = None,
+    ) -> Grid:
+        """Polygons, convex or concave, with corners at nodes [m]; cells that touch share nodes.
+
+        `faces` holds the node numbers (from 0) of each cell, as a list of lists or an integer array padded
+        with -1 on the right.  Meshes come in both orientations: a clockwise face is stored
+        counter-clockwise, its first node first.
+
+        Raises
+        ------
+        InputError
+            for a face with fewer than three nodes, an unknown or repeated node, no area, edges that cross or
+            touch, or an edge that two cells have on the same side (they overlap).
+        """
+        x, y = _finite("node_x", node_x), _finite("node_y", node_y)
+        if x.ndim != 1 or x.shape != y.shape:
+            raise InputError(f"grid: node_x {x.shape}, node_y {y.shape}: both must be (n_nodes,)")
+        table = _face_table(faces, x.size)
+        grid = cls._from_faces("unstructured", (len(table),), x, y, table, wet)
+        _check_edges_once(grid.face_nodes)
+        return grid
+
+    @classmethod
+    def _from_edges(
+        cls, kind: Kind, x_edges: np.ndarray, y_edges: np.ndarray, wet: np.ndarray | None
+    ) -> Grid:
+        nx, ny = x_edges.size - 1, y_edges.size - 1
+        y, x = np.meshgrid(_middles(y_edges), _middles(x_edges), indexing="ij")
+        node_y, node_x = np.meshgrid(y_edges, x_edges, indexing="ij")
+        grid = cls(
+            kind=kind,
+            shape=(ny, nx),
+            x=x.ravel(),
+            y=y.ravel(),
+            area=np.outer(np.diff(y_edges), np.diff(x_edges)).ravel(),
+            wet=_mask(wet, (ny, nx)),
+            node_x=node_x.ravel(),
+            node_y=node_y.ravel(),
+            face_nodes=_quadrilaterals(ny, nx),
+            x_edges=x_edges,
+            y_edges=y_edges,
+        )
+        return grid._freeze()
+
+    @classmethod
+    def _from_faces(
+        cls,
+        kind: Kind,
+        shape: tuple[int, ...],
+        node_x: np.ndarray,
+        node_y: np.ndarray,
+        faces: np.ndarray,
+        wet: np.ndarray | None,
+    ) -> Grid:
+        corners = (faces >= 0).sum(axis=1)
+        corner_x, corner_y = _corner(node_x, faces), _corner(node_y, faces)
+        area = _signed_area(corner_x, corner_y)
+        _check_simple(corner_x, corner_y, corners, area)
+        for c in np.flatnonzero(area < 0):
+            faces[c, 1 : corners[c]] = faces[c, 1 : corners[c]][::-1].copy()
+        x, y = _centroids(corner_x, corner_y)
+        grid = cls(
+            kind=kind,
+            shape=shape,
+            x=x,
+            y=y,
+            area=np.abs(area),
+            wet=_mask(wet, shape),
+            node_x=node_x,
+            node_y=node_y,
+            face_nodes=faces,
+        )
+        return grid._freeze()
+
+    def _freeze(self) -> Grid:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        return self
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return self.x.size
+
+    @functools.cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, east, south, north of the grid [m]."""
+        x, y = self.corner_x, self.corner_y
+        return float(x.min()), float(x.max()), float(y.min()), float(y.max())
+
+    @functools.cached_property
+    def corners(self) -> np.ndarray:
+        """(size,) number of corners of each cell."""
+        return (self.face_nodes >= 0).sum(axis=1)
+
+    @functools.cached_property
+    def corner_x(self) -> np.ndarray:
+        """(size, most corners) x of the corners [m], padded with the first corner."""
+        return _corner(self.node_x, self.face_nodes)
+
+    @functools.cached_property
+    def corner_y(self) -> np.ndarray:
+        """(size, most corners) y of the corners [m], padded with the first corner."""
+        return _corner(self.node_y, self.face_nodes)
+
+    @functools.cached_property
+    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Edges and look-up table along x, then along y, for `column` (rectilinear grids)."""
+        if self.x_edges is None or self.y_edges is None:
+            raise InputError(f"grid: kind {self.kind!r} has no edges; only rectilinear grids have")
+        return self.x_edges, _slots(self.x_edges), self.y_edges, _slots(self.y_edges)
+
+    @functools.cached_property
+    def bins(self) -> Bins:
+        """The raster of bins that finds cells, for all kinds."""
+        x, y = self.corner_x, self.corner_y
+        box = np.stack([x.min(1), x.max(1), y.min(1), y.max(1)], axis=1)
+        west, east, south, north = self.bounds
+        side = np.sqrt((east - west) * (north - south) / self.size)  # about one cell a bin
+        raster = np.maximum(1, np.array([(east - west) / side, (north - south) / side]).astype(int))
+        scale = raster / np.array([east - west, north - south])
+        origin = np.array([west, south])
+        start, cell, low = _fill_bins(box, origin, scale, raster)
+        return Bins(origin, scale, start, cell, low, box, raster)
+
+    def with_wet(self, mask: np.ndarray) -> Grid:
+        """The same cells with another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet."""
+        other = copy.copy(self)  # shares the geometry and the search structures
+        object.__setattr__(other, "wet", _mask(mask, self.shape))
+        other.wet.flags.writeable = False
+        return other
+
+    def locate(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The cell that holds each point, -1 outside the grid.
+
+        Parameters
+        ----------
+        x, y : (n,) [m]; a point on an edge is in the cell to its east or north
+
+        Returns
+        -------
+        (n,) int64
+        """
+        x, y = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))
+        x = np.ascontiguousarray(x, np.float64)
+        y = np.ascontiguousarray(y, np.float64)
+        found = np.empty(x.size, np.int64)
+        if self.x_edges is not None:
+            _locate_rectilinear(*self.axes, x, y, found)
+        else:
+            b = self.bins
+            inside = np.isfinite(x) & np.isfinite(y)
+            _locate_polygons(
+                b.origin, b.scale, b.start, b.cell, b.box, b.raster,
+                self.corner_x, self.corner_y, self.corners,
+                np.where(inside, x, np.inf), np.where(inside, y, np.inf), found,
+            )  # fmt: skip
+        return found
+
+    def __repr__(self) -> str:
+        west, east, south, north = self.bounds
+        cells = " × ".join(str(n) for n in self.shape)
+        return (
+            f"Grid({self.kind}, {cells} cells, {int(self.wet.sum())} wet,"
+            f" x {west:g} … {east:g} m, y {south:g} … {north:g} m)"
+        )
+
+
+def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
+    values = np.asarray(pair, float)
+    if values.shape != (2,) or not np.isfinite(values).all() or not values[1] > values[0]:
+        raise InputError(f"grid: {name} = {pair}: must be two numbers, the second larger")
+    return float(values[0]), float(values[1])
+
+
+def _counts(shape: tuple[int, int]) -> tuple[int, int]:
+    if len(shape) != 2 or any(int(n) != n or n < 1 for n in shape):
+        raise InputError(f"grid: shape = {shape}: must be (ny, nx), whole numbers of 1 or more")
+    return int(shape[0]), int(shape[1])
+
+
+def _divide(name: str, low: float, high: float, spacing: float) -> int:
+    if not (np.isfinite(spacing) and spacing > 0):
+        raise InputError(f"grid: spacing along {name} = {spacing}: must be greater than 0")
+    cells = round((high - low) / spacing)
+    if cells < 1 or abs(cells * spacing - (high - low)) > 1e-9 * (high - low):
+        raise InputError(
+            f"grid: spacing along {name} = {spacing} does not divide {high - low} m;"
+            f" {(high - low) / max(cells, 1)} would"
+        )
+    return cells
+
+
+def _finite(name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
+    array = np.array(values, np.float64)
+    if not np.isfinite(array).all():
+        place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"grid: {name}{list(place)} = {array[place]}: must be finite")
+    return array
+
+
+def _edges(name: str, values: Sequence[float]) -> np.ndarray:
+    edges = _finite(name, values)
+    if edges.ndim != 1 or edges.size < 2:
+        raise InputError(f"grid: {name} has shape {edges.shape}: must be two or more edges")
+    falls = np.flatnonzero(np.diff(edges) <= 0)
+    if falls.size:
+        k = int(falls[0]) + 1
+        raise InputError(f"grid: {name}[{k}] = {edges[k]}: must be larger than {edges[k - 1]}")
+    return edges
+
+
+def _mask(wet: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    size = int(np.prod(shape))
+    if wet is None:
+        return np.ones(size, bool)
+    mask = np.asarray(wet)
+    if mask.shape not in (shape, (size,)):
+        raise InputError(f"grid: wet has shape {mask.shape}: must be {shape} or ({size},)")
+    if mask.dtype != bool and not np.isin(mask, (0, 1)).all():
+        raise InputError(f"grid: wet has type {mask.dtype}: must be bool, or hold only 0 and 1")
+    return mask.astype(bool).ravel().copy()
+
+
+def _face_table(faces: np.ndarray | Sequence[Sequence[int]], n_nodes: int) -> np.ndarray:
+    """Faces as a fresh integer array padded with -1, its node numbers checked."""
+    if isinstance(faces, np.ndarray):
+        if faces.ndim != 2 or not np.issubdtype(faces.dtype, np.integer):
+            raise InputError(
+                f"grid: faces is {faces.dtype} of shape {faces.shape}: must be integers (cells, corners)"
+            )
+        table = faces.astype(np.int64)
+    else:
+        table = np.full((len(faces), max((len(f) for f in faces), default=0)), -1, np.int64)
+        for row, face in zip(table, faces, strict=True):
+            row[: len(face)] = face
+    if table.size == 0:
+        raise InputError("grid: faces is empty: must hold one cell or more")
+    corners = (table >= 0).sum(axis=1)
+    padded = np.arange(table.shape[1]) >= corners[:, None]
+    wrong = (table < -1) | (table >= n_nodes) | (padded != (table == -1))
+    if wrong.any():
+        c, k = np.argwhere(wrong)[0]
+        raise InputError(
+            f"grid: faces[{c}][{k}] = {table[c, k]}: must be 0 … {n_nodes - 1}, with -1 only at the end"
+        )
+    for c in np.flatnonzero(corners < 3):
+        raise InputError(f"grid: cell {c} has {corners[c]} nodes: must have three or more")
+    ordered = np.sort(table, axis=1)
+    for c in np.flatnonzero(((np.diff(ordered, axis=1) == 0) & (ordered[:, 1:] >= 0)).any(axis=1)):
+        raise InputError(f"grid: cell {c} names a node twice: pad short faces with -1 instead")
+    return table
+
+
+def _check_edges_once(faces: np.ndarray) -> None:
+    """Two cells that share an edge go along it in opposite directions; otherwise they overlap."""
+    following = np.roll(faces, -1, axis=1)
+    last = (faces >= 0) & (following < 0) | (np.arange(faces.shape[1]) == faces.shape[1] - 1)
+    following = np.where(last, faces[:, :1], following)
+    real = faces >= 0
+    cell = np.broadcast_to(np.arange(len(faces))[:, None], faces.shape)[real]
+    directed = np.stack([faces[real], following[real]], axis=1)
+    _, index, count = np.unique(directed, axis=0, return_index=True, return_counts=True)
+    for k in np.flatnonzero(count > 1):
+        a, b = directed[index[k]]
+        pair = cell[(directed == (a, b)).all(axis=1)]
+        raise InputError(
+            f"grid: cells {pair[0]} and {pair[1]} lie on the same side of the edge from node {a} to"
+            f" node {b}: cells must not overlap"
+        )
+
+
+def _check_simple(
+    x: np.ndarray, y: np.ndarray, corners: np.ndarray, area: np.ndarray
+) -> None:
+    """Refuse cells without area and cells whose edges cross or touch (x, y padded as in `_corner`)."""
+    longest = np.zeros(len(x))
+    convex = np.ones(len(x), bool)
+    for k in range(x.shape[1]):
+        here = k < corners
+        a, b, c = (k + np.zeros_like(corners), (k + 1) % corners, (k + 2) % corners)
+        ux, uy = _side(x, y, a, b)
+        vx, vy = _side(x, y, b, c)
+        turn, along = (ux * vy - uy * vx) * np.sign(area), ux * vx + uy * vy
+        length = ux**2 + uy**2
+        longest = np.where(here, np.maximum(longest, length), longest)
+        convex &= ~here | (turn > 0)
+        for cell in np.flatnonzero(here & (np.abs(turn) <= FLAT * length) & (along < 0)):
+            raise InputError(f"grid: cell {cell} turns back on itself: its edges must not touch")
+    for cell in np.flatnonzero(np.abs(area) <= FLAT * longest):
+        raise InputError(f"grid: cell {cell} has no area ({abs(area[cell]):g} m²)")
+    # Convex with four corners or fewer is simple; the rest is checked edge against edge.
+    doubtful = np.flatnonzero(~convex | (corners > 4))
+    x, y, corners = x[doubtful], y[doubtful], corners[doubtful]
+    for k in range(x.shape[1] if doubtful.size else 0):
+        for m in range(k + 2, x.shape[1]):
+            pair = (m < corners) & ((m + 1) % np.maximum(corners, 1) != k)
+            crossing = pair & _touch(x, y, k, (k + 1) % corners, m, (m + 1) % corners)
+            for cell in np.flatnonzero(crossing):
+                raise InputError(
+                    f"grid: edges {k} and {m} of cell {doubtful[cell]} cross or touch:"
+                    " a cell must be a simple polygon"
+                )
+
+
+def _side(
+    x: np.ndarray, y: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    cells = np.arange(len(x))
+    a = np.minimum(a, x.shape[1] - 1)
+    return x[cells, b] - x[cells, a], y[cells, b] - y[cells, a]
+
+
+def _touch(
+    x: np.ndarray, y: np.ndarray, a: int, b: np.ndarray, c: int, d: np.ndarray
+) -> np.ndarray:
+    """Whether edges ab and cd of each cell have a point in common (bounding boxes and sides)."""
+    cells = np.arange(len(x))
+    ax, ay, bx, by = x[:, a], y[:, a], x[cells, b], y[cells, b]
+    cx, cy, dx, dy = x[:, c], y[:, c], x[cells, d], y[cells, d]
+
+    def side(px, py, qx, qy, rx, ry):
+        return (qx - px) * (ry - py) - (qy - py) * (rx - px)
+
+    astride = (side(ax, ay, bx, by, cx, cy) * side(ax, ay, bx, by, dx, dy) <= 0) & (
+        side(cx, cy, dx, dy, ax, ay) * side(cx, cy, dx, dy, bx, by) <= 0
+    )
+    near = (
+        (np.maximum(ax, bx) >= np.minimum(cx, dx)) & (np.maximum(cx, dx) >= np.minimum(ax, bx))
+        & (np.maximum(ay, by) >= np.minimum(cy, dy)) & (np.maximum(cy, dy) >= np.minimum(ay, by))
+    )  # fmt: skip
+    return astride & near
+
+
+def _quadrilaterals(ny: int, nx: int) -> np.ndarray:
+    """Corner numbers of ny × nx quadrilaterals, counter-clockwise where x and y grow."""
+    south_west = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
+    return np.stack(
+        [south_west, south_west + 1, south_west + nx + 2, south_west + nx + 1], axis=1
+    ).astype(np.int64)
+
+
+def _corner(node: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Corner coordinates (size, most corners); padding repeats the first corner and adds no area."""
+    return node[np.where(faces >= 0, faces, faces[:, :1])]
+
+
+def _signed_area(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Shoelace formula about the first corner, so that large coordinates do not cancel [m²]."""
+    x, y = x - x[:, :1], y - y[:, :1]
+    return 0.5 * (x[:, :-1] * y[:, 1:] - y[:, :-1] * x[:, 1:]).sum(axis=1)
+
+
+def _centroids(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x0, y0 = x[:, :1], y[:, :1]
+    x, y = x - x0, y - y0
+    cross = x[:, :-1] * y[:, 1:] - y[:, :-1] * x[:, 1:]
+    six_areas = 3 * cross.sum(axis=1)
+    return tuple(
+        p0[:, 0] + ((p[:, :-1] + p[:, 1:]) * cross).sum(axis=1) / six_areas
+        for p0, p in ((x0, x), (y0, y))
+    )
+
+
+def _middles(edges: np.ndarray) -> np.ndarray:
+    return 0.5 * (edges[:-1] + edges[1:])
+
+
+def _slots(edges: np.ndarray) -> np.ndarray:
+    """Column in which each of many equal slots along an axis begins; a slot is a column or less."""
+    columns = edges.size - 1
+    span = edges[-1] - edges[0]
+    count = min(round(span / np.diff(edges).min()), SLOTS_PER_COLUMN * columns)
+    starts = edges[0] + span / count * np.arange(count)
+    return np.clip(np.searchsorted(edges, starts, side="right") - 1, 0, columns - 1)

@@ -1,0 +1,222 @@
+"""Which floes may touch: all pairs closer than the sum of their reaches, in O(n) for any size range.
+
+A floe's reach is its radius, the distance over which a bond may hold it, and half the skin, so the list
+stays complete until some floe has moved half the skin.  Floes are sorted into levels of cells, each
+twice as wide as the one below; a floe looks for partners in its own level and in the wider ones, so a
+large floe among thousands of small ones costs no more than they do.  Every pair is listed once, in rows
+(compressed by `start`) in the order of the floes.
+
+What a contact remembers (tangential displacement, bond) sits in the slot of its pair.  A new list
+takes it over by looking the pair up in the rows of the old one: no hash, no fixed number of contacts.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.errors import InputError
+from floebmi.kernels import jit
+
+CELLS_PER_FLOE = 2.0  # a sparse level gets wider cells rather than more of them
+
+
+class Pairs(NamedTuple):
+    """Candidate pairs `i[p]`, `j[p]`, each once; row i is `start[i]:start[i + 1]`.
+
+    Floes of one level are paired in the row of the lower index, others in the row of the smaller floe.
+    """
+
+    start: np.ndarray
+    i: np.ndarray
+    j: np.ndarray
+
+
+def find_pairs(
+    x: np.ndarray,
+    y: np.ndarray,
+    reach: np.ndarray,
+    period: tuple[float | None, float | None] = (None, None),
+) -> Pairs:
+    """All pairs with distance < reach_i + reach_j.
+
+    Parameters
+    ----------
+    x, y : centres [m], shape (n,)
+    reach : [m], shape (n,), positive
+    period : length of the period along x and y [m], or None
+
+    Raises
+    ------
+    InputError
+        if a period is so short that two floes could meet on both sides.
+    """
+    n = len(x)
+    if n < 2:
+        return Pairs(np.zeros(n + 1, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
+    widest = float(reach.max())
+    for name, length in zip("xy", period, strict=True):
+        if length is not None and length < 4 * widest:
+            raise InputError(
+                f"domain.{name}: period = {length:g} m; must be at least four times the reach of "
+                f"the largest floe, {4 * widest:g} m"
+            )
+    x, y = (np.ascontiguousarray(values, np.float64) for values in (x, y))
+    level = np.floor(np.log2(reach / reach.min())).astype(np.int32)
+    levels = _levels(x, y, level, reach, period)
+    lengths = tuple(np.inf if length is None else float(length) for length in period)
+    arguments = (x, y, reach, level, lengths[0], lengths[1], *levels)
+    i = np.empty(int(4 * n) + 64, np.int32)
+    j = np.empty_like(i)
+    start = np.empty(n + 1, np.int64)
+    found = _search(*arguments, start, i, j)
+    if found > len(i):
+        i, j = np.empty(found, np.int32), np.empty(found, np.int32)
+        _search(*arguments, start, i, j)
+    return Pairs(start, i[:found], j[:found])
+
+
+def sort_in_space(x: np.ndarray, y: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """A permutation that puts floes close in space close in memory: row by row of a cell grid."""
+    n = len(x)
+    width = 2 * float(reach.mean())
+    west, south = float(x.min()), float(y.min())
+    nx, ny = _cell_counts(float(x.max()) - west, float(y.max()) - south, width, n)
+    width_x, width_y = (float(x.max()) - west) / nx or 1.0, (float(y.max()) - south) / ny or 1.0
+    cell = _cells(x, y, west, south, width_x, width_y, nx, ny, False, False)
+    return _counting_sort(cell, nx * ny)[1]
+
+
+def _cell_counts(length_x: float, length_y: float, width: float, n: int) -> tuple[int, int]:
+    nx, ny = max(1.0, length_x // width), max(1.0, length_y // width)
+    excess = nx * ny / (CELLS_PER_FLOE * n + 16)
+    if excess > 1:
+        nx, ny = max(1.0, nx // np.sqrt(excess)), max(1.0, ny // np.sqrt(excess))
+        if nx * ny > 2 * (CELLS_PER_FLOE * n + 16):  # a domain much longer than wide
+            nx, ny = (nx, 1.0) if nx > ny else (1.0, ny)
+            nx, ny = (min(v, CELLS_PER_FLOE * n + 16) for v in (nx, ny))
+    return int(nx), int(ny)
+
+
+def _levels(
+    x: np.ndarray,
+    y: np.ndarray,
+    level: np.ndarray,
+    reach: np.ndarray,
+    period: tuple[float | None, float | None],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cell grids of all levels behind one another: per level (west, south, widths, counts), starts, floes."""
+    grids, starts, items = [], [], []
+    offset_start = offset_item = 0
+    west, south = float(x.min()), float(y.min())
+    long_x, long_y = float(x.max()) - west, float(y.max()) - south
+    for number in range(int(level.max()) + 1):
+        here = np.flatnonzero(level == number).astype(np.int32)
+        if not len(here):
+            continue
+        reach_max = float(reach[here].max())
+        nx, ny = _cell_counts(period[0] or long_x, period[1] or long_y, 2 * reach_max, len(here))
+        width_x = (period[0] or long_x) / nx or 1.0
+        width_y = (period[1] or long_y) / ny or 1.0
+        periodic = period[0] is not None, period[1] is not None
+        cell = _cells(x[here], y[here], west, south, width_x, width_y, nx, ny, *periodic)
+        start, order = _counting_sort(cell, nx * ny)
+        grids.append((number, reach_max, west, south, width_x, width_y, nx, ny, offset_start))
+        starts.append(start + offset_item)
+        items.append(here[order])
+        offset_start += len(start)
+        offset_item += len(here)
+    return np.array(grids), np.concatenate(starts), np.concatenate(items)
+
+
+@jit
+def _cells(x, y, west, south, width_x, width_y, nx, ny, periodic_x, periodic_y):
+    cell = np.empty(x.size, np.int32)
+    for k in range(x.size):
+        cx = int(np.floor((x[k] - west) / width_x))
+        cy = int(np.floor((y[k] - south) / width_y))
+        cx = cx % nx if periodic_x else min(max(cx, 0), nx - 1)
+        cy = cy % ny if periodic_y else min(max(cy, 0), ny - 1)
+        cell[k] = cy * nx + cx
+    return cell
+
+
+@jit
+def _counting_sort(cell, n_cells):
+    start = np.zeros(n_cells + 1, np.int64)
+    for k in range(cell.size):
+        start[cell[k] + 1] += 1
+    for c in range(n_cells):
+        start[c + 1] += start[c]
+    order = np.empty(cell.size, np.int64)
+    fill = start[:-1].copy()
+    for k in range(cell.size):
+        order[fill[cell[k]]] = k
+        fill[cell[k]] += 1
+    return start, order
+
+
+@jit
+def _search(x, y, reach, level, period_x, period_y, grids, cell_start, items, start, out_i, out_j):
+    """Fill rows of pairs; returns how many there are, also if the arrays were too short."""
+    found = 0
+    size = out_i.size
+    for i in range(x.size):
+        start[i] = found
+        for g in range(grids.shape[0]):
+            number = int(grids[g, 0])
+            if number < level[i]:
+                continue
+            # a partner of a wider level is found only from here, one of the same level from the lower index
+            same = number == level[i]
+            s = reach[i] + grids[g, 1]
+            west, south, width_x, width_y = grids[g, 2], grids[g, 3], grids[g, 4], grids[g, 5]
+            nx, ny, base = int(grids[g, 6]), int(grids[g, 7]), int(grids[g, 8])
+            cx0, cx1 = _window(x[i] - west, s, width_x, nx, period_x)
+            cy0, cy1 = _window(y[i] - south, s, width_y, ny, period_y)
+            for cy in range(cy0, cy1 + 1):
+                row = base + nx * (cy + ny if cy < 0 else cy - ny if cy >= ny else cy)
+                for cx in range(cx0, cx1 + 1):
+                    c = row + (cx + nx if cx < 0 else cx - nx if cx >= nx else cx)
+                    for q in range(cell_start[c], cell_start[c + 1]):
+                        j = items[q]
+                        if same and j <= i:
+                            continue
+                        dx = x[j] - x[i]
+                        dy = y[j] - y[i]
+                        if period_x < np.inf:
+                            dx -= period_x * np.rint(dx / period_x)
+                        if period_y < np.inf:
+                            dy -= period_y * np.rint(dy / period_y)
+                        near = reach[i] + reach[j]
+                        if dx * dx + dy * dy < near * near:
+                            if found < size:
+                                out_i[found] = i
+                                out_j[found] = j
+                            found += 1
+    start[x.size] = found
+    return found
+
+
+@jit
+def _window(position, s, width, n, period):
+    """Cells within s of a position: clipped to the grid, or wrapped and never twice the same."""
+    low = int(np.floor((position - s) / width))
+    high = int(np.floor((position + s) / width))
+    if period < np.inf:
+        return low, min(high, low + n - 1)
+    return max(low, 0), min(high, n - 1)
+
+
+@jit
+def carry(pairs_start, pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, memory):
+    """Take over what pairs remember: `number` is a floe's number for ever, `old_place` its old row."""
+    for p in range(pairs_i.size):
+        a = old_place[number[pairs_i[p]]]
+        b = old_place[number[pairs_j[p]]]
+        if a >= 0 and b >= 0:
+            for q in range(old_start[a], old_start[a + 1]):
+                if old_j[q] == b:
+                    memory[p] = old_memory[q]
+            for q in range(old_start[b], old_start[b + 1]):
+                if old_j[q] == a:
+                    memory[p] = old_memory[q]

@@ -1,0 +1,413 @@
+"""Floes as the kernels see them: active ones only, sorted in space, packed into few cache lines.
+
+Which records and arrays exist follows from the laws.  Contacts read `place` always, `moving` only if a law
+needs velocities, `spinning` only with friction; with friction the three are one record of 64 bytes.  What a
+law does not need is None, which the kernels compile to nothing.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.bonds import stretch
+from floebmi.contact import (
+    Contact,
+    damping,
+    lever_arm,
+    pair_force,
+    stiffness,
+    stiffness_ratio,
+)
+from floebmi.dynamics import Step, recall, wrap
+from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
+from floebmi.kernels import dispatched, jit
+from floebmi.neighbours import carry, find_pairs, sort_in_space
+
+
+def _record(*names: str) -> np.dtype:
+    return np.dtype([(name, np.float64) for name in names])
+
+
+# a floe with friction is one cache line; without velocities in the law, contacts read half a line
+SPINNING = _record("x", "y", "r", "h", "u", "v", "w", "omega")
+MOVING = _record("x", "y", "r", "h", "u", "v", "w", "unused")
+PLACE = _record("x", "y", "r", "h")
+MOTION = _record("u", "v")
+FORCE = _record("x", "y")
+FORCE_AND_TORQUE = _record("x", "y", "torque", "unused")
+
+
+class Packed(NamedTuple):
+    """The floes in a kernel's order; w is 1/m, or 0 for a floe that nothing moves."""
+
+    place: np.ndarray  # x, y, r, h
+    motion: np.ndarray  # u, v
+    moving: np.ndarray | None  # u, v, w, if contacts need velocities
+    spinning: np.ndarray | None  # omega, if floes rotate
+    force: np.ndarray  # x, y (and torque)
+    number: np.ndarray  # the floe's number for ever
+    mass: np.ndarray
+    inverse_x: np.ndarray  # 1/m, or 0 where motion along x is prescribed
+    inverse_y: np.ndarray
+    inertia: np.ndarray | None
+    inverse_spin: np.ndarray | None
+    angle: np.ndarray | None
+    held: np.ndarray  # packed index of floes with a prescribed axis
+    first_x: np.ndarray  # where the floe was when the list was made
+    first_y: np.ndarray
+    previous: np.ndarray | None  # contact accelerations of the last step, for the paper's schemes
+
+
+class PairList(NamedTuple):
+    """Candidate pairs and what they remember: slip [m] with friction, bonded (1 or 0) with bonds."""
+
+    start: np.ndarray
+    i: np.ndarray
+    j: np.ndarray
+    slip: np.ndarray | None
+    bonded: np.ndarray | None
+
+
+def needs_velocity(contact: Contact | None) -> bool:
+    """Whether contacts read velocities: friction and dashpots do, elasticity and bonds do not."""
+    return contact is not None and (contact.friction is not None or contact.dashpot is not None)
+
+
+def pack(
+    floes: Floes, contact: Contact | None, density: float, previous: np.ndarray | None
+) -> Packed:
+    """Copy the active floes into records, sorted in space.
+
+    previous : accelerations (n, 3) kept between advances by the paper's schemes, or None
+    """
+    number = np.flatnonzero(floes.active)
+    if len(number):
+        number = number[sort_in_space(floes.x[number], floes.y[number], floes.radius[number])]
+    n = len(number)
+    rotation = floes.rotation
+    velocity = needs_velocity(contact) or rotation
+    place = np.zeros(n, SPINNING if rotation else MOVING if velocity else PLACE)
+    place = place.view(np.recarray)
+    motion = place if velocity else np.zeros(n, MOTION).view(np.recarray)
+    bits = floes.motion[number]
+    mass = floes.mass(density)[number]
+    place.x, place.y = floes.x[number], floes.y[number]
+    place.r, place.h = floes.radius[number], floes.thickness[number]
+    motion.u, motion.v = floes.u[number], floes.v[number]
+    inverse_x = np.where(bits & FIXED_X, 0.0, 1.0 / mass)
+    inverse_y = np.where(bits & FIXED_Y, 0.0, 1.0 / mass)
+    if velocity:
+        place.w = np.maximum(inverse_x, inverse_y)
+    inertia = inverse_spin = angle = None
+    if rotation:
+        place.omega = floes.angular_velocity[number]
+        inertia = 0.5 * mass * place.r**2
+        inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
+        angle = floes.angle[number]
+    force = np.zeros(n, FORCE_AND_TORQUE if rotation else FORCE).view(np.recarray)
+    return Packed(
+        place,
+        motion,
+        place if needs_velocity(contact) else None,
+        place if rotation else None,
+        force,
+        number,
+        mass,
+        inverse_x,
+        inverse_y,
+        inertia,
+        inverse_spin,
+        angle,
+        np.flatnonzero(bits),
+        place.x.copy(),
+        place.y.copy(),
+        None if previous is None else previous[number],
+    )
+
+
+def unpack(packed: Packed, floes: Floes, previous: np.ndarray | None) -> None:
+    """Copy what moved back into the floes."""
+    number = packed.number
+    floes.x[number], floes.y[number] = packed.place.x, packed.place.y
+    floes.u[number], floes.v[number] = packed.motion.u, packed.motion.v
+    if packed.spinning is not None:
+        floes.angle[number] = packed.angle
+        floes.angular_velocity[number] = packed.spinning.omega
+    if previous is not None:
+        previous[number] = packed.previous
+
+
+def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
+    """How far a floe may interact [m]: its radius, the gap that a bond spans, half the skin."""
+    if contact is None:
+        return np.ascontiguousarray(packed.place.r)
+    gap = stretch(contact.bonds, contact.elastic.youngs_modulus)
+    return packed.place.r * (1.0 + gap) + 0.5 * skin
+
+
+def list_pairs(
+    packed: Packed,
+    contact: Contact | None,
+    period: tuple[float | None, float | None],
+    skin: float,
+    old: PairList,
+    old_place: np.ndarray,
+) -> PairList:
+    """A fresh list of candidate pairs that remembers what the old one did.
+
+    old_place : row of each floe number in the old list, −1 where it has none
+    """
+    if contact is None or len(packed.number) < 2:
+        empty = np.zeros(0, np.uint32)
+        slip = None if contact is None or contact.friction is None else np.zeros(0)
+        bonded = None if contact is None or contact.bonds is None else np.zeros(0)
+        return PairList(np.zeros(len(packed.number) + 1, np.int64), empty, empty, slip, bonded)
+    found = find_pairs(packed.place.x, packed.place.y, reach(packed, contact, skin), period)
+    i, j = found.i.view(np.uint32), found.j.view(np.uint32)
+    memories = []
+    for law, memory in ((contact.friction, old.slip), (contact.bonds, old.bonded)):
+        if law is None:
+            memories.append(None)
+            continue
+        new = np.zeros(len(i))
+        if memory is not None and len(memory):
+            carry(i, j, packed.number, old.start, old.j, old_place, memory, new)
+        memories.append(new)
+    return PairList(found.start, i, j, *memories)
+
+
+def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:
+    """The pairs that remember anything, by number of n floes, in an order that depends on nothing else."""
+    keep = np.zeros(len(pairs.i), bool)
+    for memory in (pairs.slip, pairs.bonded):
+        if memory is not None:
+            keep |= memory != 0.0
+    a, b = packed.number[pairs.i[keep]], packed.number[pairs.j[keep]]
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    order = np.lexsort((high, low))
+    start = np.searchsorted(low[order], np.arange(n + 1))
+    slip, bonded = (
+        None if memory is None else memory[keep][order] for memory in (pairs.slip, pairs.bonded)
+    )
+    return PairList(
+        start, low[order].astype(np.uint32), high[order].astype(np.uint32), slip, bonded
+    )
+
+
+# ---- the stable step --------------------------------------------------------------------------------
+
+
+class Stiffest(NamedTuple):
+    """What sets the step: ω_max² bound [1/s²], its floe (packed index), damping rate [1/s]."""
+
+    omega2: float
+    floe: int
+    damping: float
+
+
+def stable_step(stiffest: Stiffest, step: Step) -> float:
+    """Δt = fraction × 2 (√(1 + ζ²) − ζ)/ω_max (eq. stable-step); inf where nothing is stiff."""
+    if not stiffest.omega2 > 0:
+        return np.inf
+    omega = np.sqrt(stiffest.omega2)
+    zeta = 0.5 * stiffest.damping / omega
+    return step.fraction * 2.0 * (np.sqrt(1.0 + zeta * zeta) - zeta) / omega
+
+
+def paper_step(floes: Floes, contact: Contact, density: float, epsilon: float) -> float:
+    """Eq. 4: Δt = ε √(m_min/k_max), k = E h."""
+    ice = floes.active & ~floes.land
+    k_max = contact.elastic.youngs_modulus * floes.thickness[ice].max()
+    return epsilon * float(np.sqrt(floes.mass(density)[ice].min() / k_max))
+
+
+def stiffest(
+    contact: Contact | None,
+    packed: Packed,
+    pairs: PairList,
+    period: tuple[float | None, float | None],
+    walls: np.ndarray,
+    wall_floe: np.ndarray,
+    wall_number: np.ndarray,
+) -> Stiffest:
+    """Bound on the highest frequency of the pack, from each floe's own stiffness sum (eq. stable-step).
+
+    All listed pairs count as contacts, and every floe as if it had at least one, so the bound holds until
+    the list is renewed.
+    """
+    if contact is None or not len(packed.number):
+        return Stiffest(0.0, -1, 0.0)
+    return Stiffest(
+        *_stiffest(
+            contact,
+            *period,
+            packed.place,
+            packed.inverse_x,
+            packed.inverse_y,
+            packed.spinning,
+            packed.inverse_spin,
+            pairs.i,
+            pairs.j,
+            walls,
+            wall_floe,
+            wall_number,
+        )
+    )
+
+
+@jit
+def _stiffest(
+    law, period_x, period_y, place, inverse_x, inverse_y, spinning, inverse_spin,
+    pair_i, pair_j, walls, wall_floe, wall_number,
+):  # fmt: skip
+    # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
+    # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
+    # Each floe is then a 3 × 3 problem of its own in (x, y, r θ/√2), divided by its mass.
+    n = place.size
+    sums = np.zeros((n, 7))
+    ratio = stiffness_ratio(law.friction)
+    for p in range(pair_i.size):
+        i, j = pair_i[p], pair_j[p]
+        one, other = place[i], place[j]
+        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+        distance = np.sqrt(dx * dx + dy * dy)
+        nx, ny = dx / distance, dy / distance
+        k_n = stiffness(law.elastic, one.h, other.h)
+        w_i, w_j = max(inverse_x[i], inverse_y[i]), max(inverse_x[j], inverse_y[j])
+        c = damping(law.dashpot, k_n, w_i + w_j)
+        gap = distance - one.r - other.r
+        a_i = lever_arm(law.friction, one.r, other.r, gap) / one.r
+        a_j = lever_arm(law.friction, other.r, one.r, gap) / other.r
+        add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, c, nx, ny, a_i)
+        add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, c, -nx, -ny, a_j)
+    for q in range(wall_floe.size):
+        k = wall_floe[q]
+        wall = walls[wall_number[q]]
+        w = max(inverse_x[k], inverse_y[k])
+        k_n = stiffness(law.elastic, place[k].h, place[k].h)
+        nx = 1.0 if wall.axis == 0 else 0.0
+        c = damping(law.dashpot, k_n, w)
+        add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, c, nx, 1.0 - nx, 0.0)
+    highest, which, rate = 0.0, -1, 0.0
+    for k in range(n):
+        w = max(inverse_x[k], inverse_y[k])
+        if w == 0.0:
+            continue
+        single = stiffness(law.elastic, place[k].h, place[k].h)
+        value = max(largest_eigenvalue(sums[k]), max(2.0 * single, 6.0 * ratio * single) * w)
+        if value > highest:
+            highest, which = value, k
+        rate = max(rate, sums[k, 6], 2.0 * w * damping(law.dashpot, single, 2.0 * w))
+    return highest, which, rate
+
+
+@jit
+def add_stiffness(sums, i, w_i, w_j, k_n, k_t, c, nx, ny, arm):
+    if w_i == 0.0:
+        return
+    share = (1.0 + np.sqrt(w_j / w_i)) * w_i
+    spin = np.sqrt(2.0) * arm  # a/√(J/m) with J = m r²/2
+    row = sums[i]
+    row[0] += share * (k_n * nx * nx + k_t * ny * ny)
+    row[1] += share * (k_n * ny * ny + k_t * nx * nx)
+    row[2] += share * (k_n - k_t) * nx * ny
+    row[3] += share * k_t * spin * ny  # t = (−n_y, n_x); b = (t, a)
+    row[4] -= share * k_t * spin * nx
+    row[5] += share * k_t * spin * spin
+    row[6] += share * c
+
+
+@jit
+def largest_eigenvalue(row):
+    """Of the symmetric matrix (xx, yy, θθ; xy, xθ, yθ), by the trigonometric formula."""
+    xx, yy, xy, xt, yt, tt = row[0], row[1], row[2], row[3], row[4], row[5]
+    mean = (xx + yy + tt) / 3.0
+    a, b, c = xx - mean, yy - mean, tt - mean
+    p2 = (a * a + b * b + c * c + 2.0 * (xy * xy + xt * xt + yt * yt)) / 6.0
+    if p2 <= 0.0:
+        return mean
+    p = np.sqrt(p2)
+    determinant = a * (b * c - yt * yt) - xy * (xy * c - yt * xt) + xt * (xy * yt - b * xt)
+    r = min(max(determinant / (2.0 * p2 * p), -1.0), 1.0)
+    return mean + 2.0 * p * np.cos(np.arccos(r) / 3.0)
+
+
+# ---- energy and contacts, looked at rather than stepped ---------------------------------------------
+
+
+class Contacts(NamedTuple):
+    """Pairs that push or hold each other now.
+
+    i, j : floe numbers; x, y : contact point [m]; dx, dy : branch vector from the centre of i to that of j [m]
+    fx, fy : force on i [N], the force on j is its opposite; overlap [m], negative for a stretched bond
+    bonded : bool; energy : elastic energy [J]
+    """
+
+    i: np.ndarray
+    j: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    fx: np.ndarray
+    fy: np.ndarray
+    overlap: np.ndarray
+    bonded: np.ndarray
+    energy: np.ndarray
+
+
+@dispatched
+def look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
+    """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
+    rows = np.empty((pair_i.size, 10))
+    for p in range(pair_i.size):
+        one, other = place[pair_i[p]], place[pair_j[p]]
+        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+        distance = np.sqrt(dx * dx + dy * dy)
+        nx, ny = dx / distance, dy / distance
+        gap = distance - (one.r + other.r)
+        was_bonded, was_slip = recall(bonded, p), recall(slip, p)
+        f = pair_force(
+            law, gap, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0, was_slip, was_bonded, 0.0
+        )
+        k_n = stiffness(law.elastic, one.h, other.h)
+        touching = gap < 0.0 or f.bonded > 0.0
+        k_t = k_n * stiffness_ratio(law.friction)
+        row = rows[p]
+        row[0] = 1.0 if touching else 0.0
+        row[1], row[2] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
+        row[3], row[4] = dx, dy
+        row[5], row[6] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
+        row[7], row[8] = -gap, f.bonded
+        row[9] = 0.5 * (k_n * gap * gap + k_t * f.slip * f.slip) if touching else 0.0
+    return rows
+
+
+@look.register
+def _(law: None, period_x, period_y, place, pair_i, pair_j, slip, bonded):
+    return np.empty((0, 10))
+
+
+def strayed(packed: Packed, keep_still: bool) -> float:
+    """Largest way of a floe since the list was made, relative to the pack's common drift [m].
+
+    keep_still : there are walls, which do not drift along
+    """
+    return float(
+        np.sqrt(
+            sum(
+                _half_range(now - first, keep_still) ** 2
+                for now, first in (
+                    (packed.place.x, packed.first_x),
+                    (packed.place.y, packed.first_y),
+                )
+            )
+        )
+    )
+
+
+def _half_range(way: np.ndarray, keep_still: bool) -> float:
+    low, high = way.min(initial=0.0 if keep_still else np.inf), way.max(
+        initial=0.0 if keep_still else -np.inf
+    )
+    return max(abs(low), abs(high)) if keep_still else 0.5 * (high - low)

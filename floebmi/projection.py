@@ -1,0 +1,160 @@
+"""Between the globe and the plane of the floes.
+
+Floes move in a plane, in metres.  A projection says which plane: a PROJ string, an EPSG code, WKT, or
+anything else that pyproj understands.  Longitude and latitude go through it as bare numbers, without a
+change of datum: a model on a sphere and one on an ellipsoid both mean the same place by 70 N.
+
+Vectors turn with the place.  East and north are directions of the globe; `east_in_plane` says where they
+point in the plane, as an angle, so that (u + i v) exp(i angle) is the vector in the plane.  A turn keeps
+the speed; on a plane that is not conformal the angle is the one nearest to the true mapping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from floebmi.errors import InputError
+
+# Half the length of the small step that measures a direction [m]; and a latitude short of the pole,
+# where east and north still exist.
+_STEP = 10.0
+_EARTH_RADIUS = 6_371_000.0
+_NEAR_POLE = 89.99
+
+
+@lru_cache(maxsize=32)
+def _proj(projection: str):
+    import pyproj
+
+    try:
+        crs = pyproj.CRS.from_user_input(projection)
+    except pyproj.exceptions.CRSError as error:
+        reason = str(error).split(": (")[0].splitlines()[0]
+        raise InputError(
+            f"projection = {projection!r}: {reason}; give a PROJ string or a code such as 'EPSG:3413'"
+        ) from None
+    if not crs.is_projected:
+        raise InputError(
+            f"projection = {projection!r}: not a plane in metres; give a projected system such as"
+            " 'EPSG:3413' or centred_projection(lon, lat)"
+        )
+    return pyproj.Proj(crs)
+
+
+def check_projection(projection: str) -> str:
+    """Return `projection` if it is a plane that pyproj knows, else raise `InputError`."""
+    _proj(projection)
+    return projection
+
+
+def same_plane(one: str | None, other: str | None) -> bool:
+    """True if both projections are the same plane (None: the plane itself, without a place on Earth)."""
+    if one is None or other is None or one == other:
+        return one == other
+    return _proj(one).crs.is_exact_same(_proj(other).crs)
+
+
+def to_plane(
+    projection: str, lon: np.ndarray | float, lat: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Place on the plane [m] of longitude and latitude [degrees]; NaN where the plane has no such place."""
+    x, y = _proj(projection)(np.asarray(lon, float), np.asarray(lat, float))
+    return np.where(np.isfinite(x), x, np.nan), np.where(np.isfinite(y), y, np.nan)
+
+
+def to_lonlat(
+    projection: str, x: np.ndarray | float, y: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Longitude and latitude [degrees] of a place on the plane [m]; NaN where there is none."""
+    lon, lat = _proj(projection)(np.asarray(x, float), np.asarray(y, float), inverse=True)
+    return np.where(np.isfinite(lon), lon, np.nan), np.where(np.isfinite(lat), lat, np.nan)
+
+
+def east_in_plane(
+    projection: str, lon: np.ndarray | float, lat: np.ndarray | float
+) -> np.ndarray:
+    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees]."""
+    lat = np.clip(np.asarray(lat, float), -_NEAR_POLE, _NEAR_POLE)
+    lon = np.asarray(lon, float)
+    step = np.degrees(_STEP / _EARTH_RADIUS)
+
+    def plane(lon, lat):
+        return to_plane(projection, lon, lat)
+
+    return _turn(plane, lon, lat, step / np.cos(np.radians(lat)), step)
+
+
+def axes_in_plane(source: str, projection: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Angle [rad] from the x axis of `projection` to the x axis of `source`, at places (x, y) of `source`."""
+
+    def plane(x, y):
+        return to_plane(projection, *to_lonlat(source, x, y))
+
+    return _turn(plane, np.asarray(x, float), np.asarray(y, float), _STEP, _STEP)
+
+
+def _turn(
+    plane: Callable, a: np.ndarray, b: np.ndarray, da: np.ndarray | float, db: np.ndarray | float
+) -> np.ndarray:
+    """The rotation nearest to the mapping's Jacobian: its columns are the images of the two unit steps."""
+    (ax1, ay1), (ax0, ay0) = plane(a + da, b), plane(a - da, b)
+    (bx1, by1), (bx0, by0) = plane(a, b + db), plane(a, b - db)
+    return np.arctan2((ay1 - ay0) - (bx1 - bx0), (ax1 - ax0) + (by1 - by0))
+
+
+def distance(
+    lon1: np.ndarray, lat1: np.ndarray, lon2: np.ndarray, lat2: np.ndarray
+) -> np.ndarray:
+    """Great-circle distance [m] between places [degrees] (haversine formula)."""
+    phi1, phi2 = np.radians(lat1), np.radians(lat2)
+    half = np.sin((phi2 - phi1) / 2) ** 2 + np.cos(phi1) * np.cos(phi2) * (
+        np.sin(np.radians(np.asarray(lon2) - lon1) / 2) ** 2
+    )
+    return 2 * _EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(half, 0, 1)))
+
+
+def centred_projection(
+    lon: float | tuple[float, float], lat: float | tuple[float, float]
+) -> str:
+    """A plane centred on a place, or on the box (west, east) × (south, north) [degrees]: equal-area.
+
+    In the Lambert azimuthal equal-area plane cells have their true area everywhere (a standard polar
+    stereographic plane is off by the map scale squared, 5 % at 79 N), and directions hold to
+    0.3 degrees up to 1000 km from the centre.
+
+    Examples
+    --------
+    >>> centred_projection(lon=(280, 320), lat=(46, 78))
+    '+proj=laea +lat_0=62 +lon_0=-60 +datum=WGS84 +units=m +no_defs'
+    """
+    lon, lat = np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float)
+    if lon.size > 2 or lat.size > 2 or not (np.isfinite(lon).all() and np.isfinite(lat).all()):
+        raise InputError(
+            f"centred_projection: lon = {lon}, lat = {lat}: give one number or two for each"
+        )
+    if np.abs(lat).max() > 90 or lat[0] > lat[-1]:
+        raise InputError(
+            f"centred_projection: lat = {lat}: must be (south, north) within -90 to 90 degrees"
+        )
+    width = (lon[-1] - lon[0]) % 360 or lon[-1] - lon[0]  # (170, -170) crosses the date line
+    middle = (lon[0] + width / 2 + 180) % 360 - 180
+    return f"+proj=laea +lat_0={lat.mean():.6g} +lon_0={middle:.6g} +datum=WGS84 +units=m +no_defs"
+
+
+def box_in_plane(
+    projection: str, lon: tuple[float, float], lat: tuple[float, float]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The smallest rectangle x = (west, east), y = (south, north) [m] around a box of degrees."""
+    east = lon[0] + ((lon[1] - lon[0]) % 360 or 360)
+    side_lon = np.linspace(lon[0], east, 101)
+    side_lat = np.linspace(lat[0], lat[1], 101)
+    lons, lats = np.meshgrid(side_lon, side_lat)
+    x, y = to_plane(projection, lons, lats)
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise InputError(
+            f"box lon = {lon}, lat = {lat}: part of it has no place on the plane {projection!r}"
+        )
+    return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))

@@ -1,0 +1,439 @@
+"""Grid → floe and back: one set of weights reads the current and returns the force.
+
+Row k of the weights says which share of floe k belongs to which cell.  A floe's velocity is the weighted
+mean of the cells (`gather`); the force on the floe is given back to the cells by the same shares
+(`scatter`, the transpose).  Rows sum to one over *wet* cells, so momentum is conserved to round-off
+whatever the accuracy, and the work done by the fluid equals the work done on the floe:
+
+    Σ_k F_k · (W u)_k = Σ_c u_c · (Wᵀ F)_c                                    (eq. work-identity)
+
+How accurately the shares follow the floe's outline is a separate dial:
+
+"overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.
+"centre"   at the floe's centre only: bilinear between the four cell centres around it, without the dry
+           ones, on rectilinear grids; the cell that holds the centre, if wet, on the others, where four
+           neighbours in order need not exist.
+
+A floe that finds no wet cell has an empty row: it reads 0, and what it gives back is undelivered.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from floebmi.errors import InputError, choose
+from floebmi.geometry import disc_polygon, disc_south_west, disc_west
+from floebmi.grid import Grid, bin_of, column, find_cell
+from floebmi.kernels import jit
+
+Period = tuple[float | None, float | None]
+
+ROUND_OFF = 1e-14  # an overlap below this times the disc's area is round-off, not ice
+
+
+class Weights(NamedTuple):
+    """Shares of floes in cells; row k is entries start[k]:start[k+1].
+
+    start : (n + 1,) int64
+    cell : (m,) int64, a cell may occur twice in a row (a floe that reaches it from both sides of a seam)
+    weight : (m,) [1], each row sums to 1, or is empty: the floe finds no wet cell
+    size : number of cells of the grid
+    """
+
+    start: np.ndarray
+    cell: np.ndarray
+    weight: np.ndarray
+    size: int
+
+
+@jit
+def images(low, high, reach, x, period):
+    """First and last multiple of the period at which a floe at x reaches the grid low … high."""
+    if period <= 0.0:
+        return 0, 0
+    return (
+        math.ceil((low - reach - x) / period),
+        math.floor((high + reach - x) / period),
+    )
+
+
+@jit
+def _append(cell, value, m, c, amount):
+    """Put an entry at place m; the arrays double when they are full."""
+    if m == cell.size:
+        more_cell = np.empty(2 * m + 64, np.int64)
+        more_value = np.empty(2 * m + 64, np.float64)
+        for e in range(m):  # a loop, since numba takes seconds to compile a slice assignment
+            more_cell[e] = cell[e]
+            more_value[e] = value[e]
+        cell, value = more_cell, more_value
+    cell[m] = c
+    value[m] = amount
+    return cell, value
+
+
+@jit
+def _overlap_rectangles(
+    x_edges, x_first, y_edges, y_first, keep, x, y, radius, period_x, period_y
+):
+    """Areas of discs in the kept cells of a rectilinear grid: start, cell, area."""
+    nx = x_edges.size - 1
+    start = np.zeros(x.size + 1, np.int64)
+    cell = np.empty(8 * x.size, np.int64)
+    area = np.empty(8 * x.size, np.float64)
+    west = np.empty(nx + 1)  # H of the grid lines that cross the disc
+    below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
+    above = np.empty(nx + 1)
+    m = 0
+    for k in range(x.size):
+        r = radius[k]
+        least = ROUND_OFF * math.pi * r * r
+        first_x, last_x = images(x_edges[0], x_edges[-1], r, x[k], period_x)
+        first_y, last_y = images(y_edges[0], y_edges[-1], r, y[k], period_y)
+        for image_y in range(first_y, last_y + 1):
+            cy = y[k] + image_y * period_y
+            if cy + r <= y_edges[0] or cy - r >= y_edges[-1]:
+                continue
+            j0 = column(y_edges, y_first, max(cy - r, y_edges[0]))
+            j1 = column(y_edges, y_first, min(cy + r, y_edges[-1]))
+            for image_x in range(first_x, last_x + 1):
+                cx = x[k] + image_x * period_x
+                if cx + r <= x_edges[0] or cx - r >= x_edges[-1]:
+                    continue
+                i0 = column(x_edges, x_first, max(cx - r, x_edges[0]))
+                i1 = column(x_edges, x_first, min(cx + r, x_edges[-1]))
+                for i in range(i0, i1 + 2):
+                    west[i] = disc_west(x_edges[i] - cx, r)
+                for j in range(j0, j1 + 2):
+                    dy = y_edges[j] - cy
+                    south = disc_west(dy, r)
+                    for i in range(i0, i1 + 2):
+                        above[i] = disc_south_west(x_edges[i] - cx, dy, west[i], south, r)
+                    for i in range(i0, i1 + 1):
+                        if j == j0 or not keep[(j - 1) * nx + i]:
+                            continue
+                        far_x = max(x_edges[i + 1] - cx, cx - x_edges[i])
+                        far_y = max(dy, cy - y_edges[j - 1])
+                        if far_x * far_x + far_y * far_y < r * r:  # the cell lies in the disc
+                            amount = (x_edges[i + 1] - x_edges[i]) * (y_edges[j] - y_edges[j - 1])
+                        else:
+                            amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
+                        if amount > least:
+                            cell, area = _append(cell, area, m, (j - 1) * nx + i, amount)
+                            m += 1
+                    below, above = above, below
+        start[k + 1] = m
+    return start, cell[:m], area[:m]
+
+
+@jit
+def _overlap_polygons(
+    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, corners, bounds,
+    keep, x, y, radius, period_x, period_y,
+):  # fmt: skip
+    """Areas of discs in the kept cells of any grid: start, cell, area."""
+    start = np.zeros(x.size + 1, np.int64)
+    cell = np.empty(8 * x.size, np.int64)
+    area = np.empty(8 * x.size, np.float64)
+    m = 0
+    for k in range(x.size):
+        r = radius[k]
+        least = ROUND_OFF * math.pi * r * r
+        first_x, last_x = images(bounds[0], bounds[1], r, x[k], period_x)
+        first_y, last_y = images(bounds[2], bounds[3], r, y[k], period_y)
+        for image_y in range(first_y, last_y + 1):
+            cy = y[k] + image_y * period_y
+            by0 = bin_of(cy - r, origin[1], scale[1], raster[1])
+            by1 = bin_of(cy + r, origin[1], scale[1], raster[1])
+            for image_x in range(first_x, last_x + 1):
+                cx = x[k] + image_x * period_x
+                bx0 = bin_of(cx - r, origin[0], scale[0], raster[0])
+                bx1 = bin_of(cx + r, origin[0], scale[0], raster[0])
+                for by in range(by0, by1 + 1):
+                    for bx in range(bx0, bx1 + 1):
+                        b = by * raster[0] + bx
+                        for e in range(bin_start[b], bin_start[b + 1]):
+                            c = bin_cell[e]
+                            # A cell reaches several bins; it counts in the first one visited.
+                            if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
+                                continue
+                            dx = max(box[c, 0] - cx, 0.0, cx - box[c, 1])
+                            dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
+                            if not keep[c] or dx * dx + dy * dy >= r * r:
+                                continue
+                            n = corners[c]
+                            amount = disc_polygon(corner_x[c, :n], corner_y[c, :n], cx, cy, r)
+                            if amount > least:
+                                cell, area = _append(cell, area, m, c, amount)
+                                m += 1
+        start[k + 1] = m
+    return start, cell[:m], area[:m]
+
+
+@jit
+def _normalise(start, weight):
+    for k in range(start.size - 1):
+        total = 0.0
+        for m in range(start[k], start[k + 1]):
+            total += weight[m]
+        for m in range(start[k], start[k + 1]):
+            weight[m] /= total
+
+
+@jit
+def _around(edges, first, x, wraps):
+    """The columns whose centres stand left and right of x, and the share of the right one.
+
+    Beyond the last centre there is one column only, unless the grid wraps around.
+    """
+    last = edges.size - 2
+    i = column(edges, first, x)
+    centre = 0.5 * (edges[i] + edges[i + 1])
+    left, right = (i - 1, i) if x < centre else (i, i + 1)
+    if (left < 0 or right > last) and not wraps:
+        return i, i, 0.0
+    span = edges[-1] - edges[0]
+    left_shift = span if left < 0 else 0.0
+    right_shift = span if right > last else 0.0
+    left, right = left % (last + 1), right % (last + 1)
+    left_centre = 0.5 * (edges[left] + edges[left + 1]) - left_shift
+    right_centre = 0.5 * (edges[right] + edges[right + 1]) + right_shift
+    if right_centre <= left_centre:  # one column that wraps onto itself
+        return i, i, 0.0
+    return left, right, (x - left_centre) / (right_centre - left_centre)
+
+
+@jit
+def _bilinear(
+    x_edges, x_first, y_edges, y_first, wet, x, y, period_x, period_y, wraps_x, wraps_y
+):
+    """Bilinear weights of points between cell centres, dry cells left out: start, cell, weight."""
+    start = np.zeros(x.size + 1, np.int64)
+    cell = np.empty(4 * x.size, np.int64)
+    weight = np.empty(4 * x.size, np.float64)
+    nx = x_edges.size - 1
+    m = 0
+    for k in range(x.size):
+        px, py = x[k], y[k]
+        if period_x > 0.0:
+            px -= period_x * math.floor((px - x_edges[0]) / period_x)
+        if period_y > 0.0:
+            py -= period_y * math.floor((py - y_edges[0]) / period_y)
+        if x_edges[0] <= px <= x_edges[-1] and y_edges[0] <= py <= y_edges[-1]:
+            i0, i1, s = _around(x_edges, x_first, px, wraps_x)
+            j0, j1, t = _around(y_edges, y_first, py, wraps_y)
+            for c, w in (
+                (j0 * nx + i0, (1.0 - s) * (1.0 - t)),
+                (j0 * nx + i1, s * (1.0 - t)),
+                (j1 * nx + i0, (1.0 - s) * t),
+                (j1 * nx + i1, s * t),
+            ):
+                if w > 0.0 and wet[c]:
+                    cell[m] = c
+                    weight[m] = w
+                    m += 1
+        start[k + 1] = m
+    return start, cell[:m], weight[:m]
+
+
+@jit
+def _containing(
+    origin, scale, bin_start, bin_cell, box, raster, corner_x, corner_y, corners, bounds,
+    wet, x, y, period_x, period_y,
+):  # fmt: skip
+    """The wet cell that holds each point: start, cell, weight."""
+    start = np.zeros(x.size + 1, np.int64)
+    cell = np.empty(x.size, np.int64)
+    m = 0
+    for k in range(x.size):
+        found = -1
+        first_x, last_x = images(bounds[0], bounds[1], 0.0, x[k], period_x)
+        first_y, last_y = images(bounds[2], bounds[3], 0.0, y[k], period_y)
+        for image_y in range(first_y, last_y + 1):
+            for image_x in range(first_x, last_x + 1):
+                if found < 0:
+                    found = find_cell(
+                        x[k] + image_x * period_x, y[k] + image_y * period_y, origin, scale,
+                        bin_start, bin_cell, box, raster, corner_x, corner_y, corners,
+                    )  # fmt: skip
+        if found >= 0 and wet[found]:
+            cell[m] = found
+            m += 1
+        start[k + 1] = m
+    return start, cell[:m], np.ones(m)
+
+
+@jit
+def _gather(start, cell, weight, field, out):
+    for k in range(start.size - 1):
+        total = 0.0
+        for m in range(start[k], start[k + 1]):
+            total += weight[m] * field[cell[m]]
+        out[k] = total
+
+
+@jit
+def _scatter(start, cell, weight, values, out):
+    for k in range(start.size - 1):
+        for m in range(start[k], start[k + 1]):
+            out[cell[m]] += weight[m] * values[k]
+
+
+def check_floes(
+    x: np.ndarray, y: np.ndarray, radius: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres and radii [m] as float64 arrays of one shape (n,), finite, the radii positive."""
+    x, y, radius = (
+        np.ascontiguousarray(a, np.float64) for a in np.broadcast_arrays(np.atleast_1d(x), y, radius)
+    )
+    if x.ndim != 1:
+        raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
+    for name, values in (("x", x), ("y", y), ("radius", radius)):
+        for k in np.flatnonzero(~np.isfinite(values)):
+            raise InputError(f"floe {k}: {name} = {values[k]}: must be finite")
+    for k in np.flatnonzero(radius <= 0):
+        raise InputError(f"floe {k}: radius = {radius[k]}: must be greater than 0")
+    return x, y, radius
+
+
+def check_period(grid: Grid, period: Period) -> tuple[float, float]:
+    """Lengths of the period [m], 0 where there is none; refuse a grid with more than one period."""
+    if len(period) != 2:
+        raise InputError(f"period = {period}: must be (Lx, Ly), each a length [m] or None")
+    west, east, south, north = grid.bounds
+    sides = [1.0, 1.0]
+    for axis, (length, extent) in enumerate(zip(period, (east - west, north - south), strict=True)):
+        if length is not None and not (math.isfinite(length) and length > 0):
+            raise InputError(f"period = {period}: must be (Lx, Ly), each a length [m] or None")
+        sides[axis] = extent if length is None else length
+    # By area, since the seam of a curvilinear or unstructured grid need not be straight.
+    if period != (None, None) and grid.area.sum() > sides[0] * sides[1] * (1 + 1e-9):
+        raise InputError(
+            f"period = {period} is shorter than the grid ({east - west:g} × {north - south:g} m):"
+            " a floe would be seen by two cells at one place"
+        )
+    return float(period[0] or 0.0), float(period[1] or 0.0)
+
+
+def overlap_areas(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray,
+    keep: np.ndarray,
+    period: Period,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Exact areas [m²] of discs in the cells where `keep` is True: start, cell, area by floe."""
+    x, y, radius = check_floes(x, y, radius)
+    lengths = check_period(grid, period)
+    if grid.x_edges is not None:
+        return _overlap_rectangles(*grid.axes, keep, x, y, radius, *lengths)
+    return _overlap_polygons(
+        *grid.bins, grid.corner_x, grid.corner_y, grid.corners, grid.bounds,
+        keep, x, y, radius, *lengths,
+    )  # fmt: skip
+
+
+def floe_weights(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray | float,
+    accuracy: Literal["overlap", "centre"] = "overlap",
+    period: Period = (None, None),
+) -> Weights:
+    """Shares of floes in the wet cells of a grid; each row sums to 1, or is empty.
+
+    Parameters
+    ----------
+    x, y : (n,) floe centres [m], in the grid's plane; inside one period or not
+    radius : (n,) [m]
+    accuracy : "overlap", exact areas of the discs; or "centre", the cells around the centre (see above)
+    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic; a floe across the seam
+        belongs to cells at both ends.  The grid may not be wider than a period.
+
+    Raises
+    ------
+    InputError
+        for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
+    """
+    if accuracy == "overlap":
+        start, cell, weight = overlap_areas(grid, x, y, radius, grid.wet, period)
+        _normalise(start, weight)
+        return Weights(start, cell, weight, grid.size)
+    if accuracy != "centre":
+        raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
+    x, y, radius = check_floes(x, y, radius)
+    lengths = check_period(grid, period)
+    if grid.x_edges is not None:
+        extents = grid.x_edges[-1] - grid.x_edges[0], grid.y_edges[-1] - grid.y_edges[0]
+        wraps = (
+            abs(extent - length) <= 1e-9 * extent
+            for extent, length in zip(extents, lengths, strict=True)
+        )
+        start, cell, weight = _bilinear(*grid.axes, grid.wet, x, y, *lengths, *wraps)
+        _normalise(start, weight)
+    else:
+        b = grid.bins
+        start, cell, weight = _containing(
+            b.origin, b.scale, b.start, b.cell, b.box, b.raster,
+            grid.corner_x, grid.corner_y, grid.corners, grid.bounds, grid.wet, x, y, *lengths,
+        )  # fmt: skip
+    return Weights(start, cell, weight, grid.size)
+
+
+def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    """Read a field onto the floes: out_k = Σ_c w_kc field_c; 0 where a row is empty.
+
+    Parameters
+    ----------
+    field : (grid.size,) any unit; dry cells are never read
+    out : (n,) float64, filled in place if given
+
+    Raises
+    ------
+    InputError
+        for a field or an `out` of the wrong size.
+    """
+    field = np.ascontiguousarray(field, np.float64)
+    n = weights.start.size - 1
+    if field.shape != (weights.size,):
+        raise InputError(f"field has shape {field.shape}: must be ({weights.size},), one per cell")
+    if out is None:
+        out = np.empty(n)
+    elif out.shape != (n,):
+        raise InputError(f"out has shape {out.shape}: must be ({n},), one per floe")
+    _gather(weights.start, weights.cell, weights.weight, field, out)
+    return out
+
+
+def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:
+    """Give floe values to the cells, adding: out_c += Σ_k w_kc values_k, the transpose of `gather`.
+
+    What the floes of empty rows carry is not in `out`; see `without_cell`.
+
+    Parameters
+    ----------
+    values : (n,) extensive, such as an impulse [N s]
+    out : (grid.size,) float64, changed in place
+
+    Raises
+    ------
+    InputError
+        for values or an `out` of the wrong size.
+    """
+    values = np.ascontiguousarray(values, np.float64)
+    n = weights.start.size - 1
+    if values.shape != (n,):
+        raise InputError(f"values has shape {values.shape}: must be ({n},), one per floe")
+    if out.shape != (weights.size,):
+        raise InputError(f"out has shape {out.shape}: must be ({weights.size},), one per cell")
+    _scatter(weights.start, weights.cell, weights.weight, values, out)
+
+
+def without_cell(weights: Weights) -> np.ndarray:
+    """(n,) bool: floes that find no wet cell, whose impulse is undelivered."""
+    return weights.start[1:] == weights.start[:-1]

@@ -1,0 +1,264 @@
+"""How large the floes are: distributions of the radius by number of floes.
+
+A distribution is a NamedTuple of numbers, so that a scene file, the Python API and a file's attributes
+say it in the same words.  Each one draws radii, and knows its mean disc area, from which a packing
+estimates how many floes it needs.
+"""
+
+import csv
+import math
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Le, MinLen
+
+from floebmi.errors import InputError
+from floebmi.quantities import NonNegative, Positive, check
+
+Exponent = Annotated[float, Ge(-20), Le(20)]
+
+
+class PowerLaw(NamedTuple):
+    """Number density n(r) ~ r**exponent between two radii (eq. power-law-sizes).
+
+    Parameters
+    ----------
+    radius_min, radius_max : [m]
+    exponent : of the number density; the cumulative number falls with exponent + 1.  The default is
+        that of doi:10.1029/2018MS001299.
+    """
+
+    radius_min: Positive
+    radius_max: Positive
+    exponent: Exponent = -1.8
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest radius [m]."""
+        return self.radius_min, self.radius_max
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """n radii [m]."""
+        chance = rng.random(n)
+        power = self.exponent + 1.0
+        span = math.log(self.radius_max / self.radius_min)
+        # the inverse of the cumulative distribution, written so that it holds at exponent = -1 and near it
+        if power == 0.0:
+            log_r = chance * span
+        else:
+            log_r = np.log1p(chance * math.expm1(power * span)) / power
+        return np.clip(self.radius_min * np.exp(log_r), *self.range)
+
+    def mean_area(self) -> float:
+        """Mean of π r² [m²]."""
+        span = math.log(self.radius_max / self.radius_min)
+
+        def moment(power: float) -> float:  # ∫ (r/r_min)**(power - 1) dr/r_min
+            if power * span == 0.0:
+                return span or 1.0
+            return math.expm1(power * span) / power
+
+        ratio = moment(self.exponent + 3.0) / moment(self.exponent + 1.0)
+        return math.pi * self.radius_min**2 * ratio
+
+
+class UniformSize(NamedTuple):
+    """All radii between two bounds [m] are equally likely."""
+
+    radius_min: Positive
+    radius_max: Positive
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest radius [m]."""
+        return self.radius_min, self.radius_max
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """n radii [m]."""
+        return rng.uniform(self.radius_min, self.radius_max, n)
+
+    def mean_area(self) -> float:
+        """Mean of π r² [m²]."""
+        a, b = self.range
+        return math.pi * (a * a + a * b + b * b) / 3.0
+
+
+class SingleSize(NamedTuple):
+    """All floes have one radius [m]."""
+
+    radius: Positive
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest radius [m]: the same."""
+        return self.radius, self.radius
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """n radii [m]."""
+        return np.full(n, float(self.radius))
+
+    def mean_area(self) -> float:
+        """π r² [m²]."""
+        return math.pi * self.radius**2
+
+
+class Histogram(NamedTuple):
+    """Counts of floes in bins of the radius; within a bin all radii are equally likely.
+
+    Parameters
+    ----------
+    edges : of the bins [m], rising, one more than counts
+    counts : number of floes (or a weight) of each bin
+    """
+
+    edges: Annotated[tuple[Positive, ...], MinLen(2)]
+    counts: Annotated[tuple[NonNegative, ...], MinLen(1)]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest edge [m] of bins that are not empty."""
+        filled = np.flatnonzero(self.counts)
+        return float(self.edges[filled[0]]), float(self.edges[filled[-1] + 1])
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """n radii [m]."""
+        edges, counts = np.asarray(self.edges, float), np.asarray(self.counts, float)
+        cell = rng.choice(len(counts), n, p=counts / counts.sum())
+        return rng.uniform(edges[cell], edges[cell + 1])
+
+    def mean_area(self) -> float:
+        """Mean of π r² [m²]."""
+        edges, counts = np.asarray(self.edges, float), np.asarray(self.counts, float)
+        a, b = edges[:-1], edges[1:]
+        return float(math.pi * np.average((a * a + a * b + b * b) / 3.0, weights=counts))
+
+
+class Empirical(NamedTuple):
+    """Radii [m] of floes that were measured; each draw picks one of them."""
+
+    radii: Annotated[tuple[Positive, ...], MinLen(1)]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest radius [m]."""
+        return float(min(self.radii)), float(max(self.radii))
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """n radii [m]."""
+        return rng.choice(np.asarray(self.radii, float), n)
+
+    def mean_area(self) -> float:
+        """Mean of π r² [m²]."""
+        return math.pi * float(np.mean(np.square(self.radii)))
+
+
+Sizes = PowerLaw | UniformSize | SingleSize | Histogram | Empirical
+
+
+def check_sizes(sizes: Sizes) -> None:
+    """Refuse a distribution that cannot be drawn from.
+
+    Raises
+    ------
+    InputError
+        naming the parameter and its value.
+    """
+    if not isinstance(sizes, Sizes):
+        raise InputError(
+            f"sizes = {sizes!r}: must be a PowerLaw, UniformSize, SingleSize, Histogram or Empirical"
+        )
+    name = type(sizes).__name__
+    if isinstance(sizes, Histogram):
+        edges, counts = _row(f"{name}.edges", sizes.edges), _row(f"{name}.counts", sizes.counts)
+        if len(edges) != len(counts) + 1:
+            raise InputError(
+                f"{name}: {len(edges)} edges and {len(counts)} counts; one edge more is needed"
+            )
+        if edges[0] <= 0 or (np.diff(edges) <= 0).any():
+            raise InputError(f"{name}.edges = {sizes.edges}: must be greater than 0, and rise")
+        if counts.min() < 0 or counts.sum() == 0:
+            raise InputError(f"{name}.counts = {sizes.counts}: at least 0 each, not all 0")
+    elif isinstance(sizes, Empirical):
+        radii = _row(f"{name}.radii", sizes.radii)
+        if radii.min() <= 0:
+            row = int(radii.argmin())
+            raise InputError(f"{name}.radii[{row}] = {radii[row]:g} m; must be greater than 0")
+    else:
+        check([sizes])
+        low, high = sizes.range
+        if low > high:
+            raise InputError(
+                f"{name}.radius_max = {high:g} m; must be at least radius_min, {low:g} m"
+            )
+
+
+def _row(name: str, values: tuple[float, ...]) -> np.ndarray:
+    row = np.asarray(values, dtype=float)
+    if row.ndim != 1 or not len(row) or not np.isfinite(row).all():
+        raise InputError(f"{name} = {values!r}: must be a row of finite numbers")
+    return row
+
+
+def from_file(path: str | Path) -> Histogram | Empirical:
+    """Sizes from a CSV file with one header line.
+
+    One column holds radii [m] (`Empirical`).  Two columns hold the lower edge of a bin [m] and its
+    count (`Histogram`); the last row's edge closes the last bin, its count is empty or 0.
+
+    Raises
+    ------
+    InputError
+        naming file, row, column and value.
+    """
+    path = Path(path)
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            header, *rows = [row for row in csv.reader(file) if any(map(str.strip, row))]
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except ValueError:
+        raise InputError(f"{path}: empty; must be a CSV file with a header line") from None
+    if len(header) > 2 or len(rows) < len(header):
+        raise InputError(
+            f"{path}: {len(header)} columns and {len(rows)} rows; must be one column of radii, or "
+            "two columns of edge and count with at least two rows"
+        )
+    if _is_number(header[0]):
+        raise InputError(f"{path}: row 1 = {header[0]!r}; must be a header, such as 'radius'")
+    columns: list[list[float]] = [[] for _ in header]
+    for number, row in enumerate(rows, start=2):
+        if len(row) == 1 and number == len(rows) + 1 and len(header) == 2:
+            row = [row[0], ""]
+        if len(row) != len(header):
+            raise InputError(f"{path}: row {number} has {len(row)} values; must be {len(header)}")
+        for column, (name, text) in enumerate(zip(header, row, strict=True)):
+            if column == 1 and number == len(rows) + 1 and not text.strip():
+                text = "0"
+            if not _is_number(text):
+                raise InputError(
+                    f"{path}: row {number}, column {name.strip()!r}: {text!r} must be a number"
+                )
+            columns[column].append(float(text))
+    sizes: Histogram | Empirical
+    if len(header) == 1:
+        sizes = Empirical(tuple(columns[0]))
+    else:
+        if columns[1][-1] != 0:
+            raise InputError(
+                f"{path}: row {len(rows) + 1}, column {header[1].strip()!r}: {columns[1][-1]:g} must "
+                "be 0 or empty, for the last row only closes the last bin"
+            )
+        sizes = Histogram(tuple(columns[0]), tuple(columns[1][:-1]))
+    try:
+        check_sizes(sizes)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return sizes
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False

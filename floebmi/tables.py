@@ -1,0 +1,505 @@
+"""Typed tables: from a text file that a person wrote to checked values, or to one line that says what is wrong.
+
+A declaration is a NamedTuple of annotated numbers (a law) or a `Table` (a section of a scene).  The same
+declaration gives the keys that are allowed, their bounds, their defaults and their description, so nothing
+has to be said twice.  What pydantic finds wrong is turned into one line with file, table, key, value, what is
+allowed, and a near word.
+
+Nothing is converted in silence: text is not a number, `true` is not 1, and infinity is not allowed.
+"""
+
+import inspect
+import json
+import re
+import tomllib
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
+
+from floebmi.errors import InputError, choose
+
+
+class Table(BaseModel):
+    """A table of a scene file; unknown keys are errors."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Override(NamedTuple):
+    """One `--set table.key=value`: the keys on the way, the value, and the words of the user."""
+
+    keys: tuple[str, ...]
+    value: Any
+    text: str
+
+
+# ---- declarations -----------------------------------------------------------------------------
+
+
+def parameter_texts(law: type) -> dict[str, str]:
+    """What the docstring of a law says of each of its parameters, `name, name : text`."""
+    lines = (inspect.getdoc(law) or "").partition("Parameters\n")[2]
+    found = re.findall(r"^(\w+(?:, \w+)*) : (.+(?:\n    .+)*)$", lines, re.MULTILINE)
+    return {
+        name: " ".join(text.split()) for names, text in found for name in names.split(", ")
+    }
+
+
+def table_of(law: type, key: str | None = None, word: str | None = None) -> Any:
+    """The `Table` with the fields of a law; with `key = "word"` in it, where several laws may stand.
+
+    `law_of` makes the law out of the table.
+    """
+    texts = parameter_texts(law)
+    defaults: dict[str, Any] = getattr(law, "_field_defaults", {})
+    fields: dict[str, Any] = {
+        name: (hint, Field(defaults.get(name, ...), description=texts.get(name)))
+        for name, hint in get_type_hints(law, include_extras=True).items()
+    }
+    if key is not None:
+        fields[key] = (Literal[word], Field(word, description=summary(law)))
+    return create_model(law.__name__, __base__=Table, __doc__=law.__doc__, **fields)
+
+
+def law_of(table: BaseModel, law: Callable[..., Any]) -> Any:
+    """The law whose parameters stand in the table; the table may hold more keys."""
+    names = getattr(law, "_fields", ())
+    return law(**{name: getattr(table, name) for name in names})
+
+
+def summary(thing: object) -> str:
+    """The first line of a docstring."""
+    return (inspect.getdoc(thing) or "").partition("\n")[0]
+
+
+class ByKey:
+    """Picks the declaration of a table by the word that stands at one of its keys."""
+
+    def __init__(self, key: str, default: str | None):
+        self.key, self.default = key, default
+
+    def __call__(self, value: Any) -> str | None:
+        if isinstance(value, dict):
+            word = value.get(self.key, self.default)
+        else:  # not a table: let the default declaration say so
+            word = getattr(value, self.key, self.default)
+        return _tag(word) if word is not None else _tag("")
+
+
+def one_of(key: str, tables: dict[str, Any], default: str | None = None) -> Any:
+    """The type of a table whose `key` says which of `tables` it is."""
+    members = [Annotated[table, Tag(_tag(word))] for word, table in tables.items()]
+    return Annotated[Union[tuple(members)], Discriminator(ByKey(key, default))]  # noqa: UP007
+
+
+class WordOrTable:
+    """Tells a single word from a table, so that an error speaks of what was meant."""
+
+    def __call__(self, value: Any) -> str:
+        return _tag("table") if isinstance(value, (dict, BaseModel, tuple)) else _tag("word")
+
+
+def word_or(words: Any, table: Any) -> Any:
+    """The type of a key that holds either one of some words or a table."""
+    return Annotated[
+        Union[Annotated[words, Tag(_tag("word"))], Annotated[table, Tag(_tag("table"))]],
+        Discriminator(WordOrTable()),
+    ]
+
+
+def _tag(word: object) -> str:
+    # never the name of a key: the path of an error can then be told from the choices made on the way
+    return f"={word}"
+
+
+def keys(table: Any, path: str = "") -> Iterator[tuple[str, str, str, str]]:
+    """Each key of a declaration: (table, key, default, description); sub-tables after their table."""
+    inner: list[tuple[str, Any]] = []
+    for name, hint in _hints(table).items():
+        default, text = _default(table, name)
+        yield path, name, default, text
+        inner += [(f"{path}.{name}".strip("."), sub) for sub in _tables_in(hint)]
+    for sub_path, sub in inner:
+        yield from keys(sub, sub_path)
+
+
+def _default(table: Any, name: str) -> tuple[str, str]:
+    if issubclass(table, BaseModel):
+        field = table.model_fields[name]
+        value = ... if field.is_required() else field.get_default(call_default_factory=True)
+        text = field.description or ""
+    else:
+        value = table._field_defaults.get(name, ...)
+        text = parameter_texts(table).get(name, "")
+    if value is ...:
+        return "required", text
+    simple = isinstance(value, (str, int, float, bool))
+    return (json.dumps(value) if simple else ""), text
+
+
+def _hints(declaration: Any) -> dict[str, Any]:
+    if not isinstance(declaration, type):
+        return {}
+    if issubclass(declaration, BaseModel):
+        hints = get_type_hints(declaration, include_extras=True)
+        return {name: hints[name] for name in declaration.model_fields}
+    if hasattr(declaration, "_fields"):
+        return get_type_hints(declaration, include_extras=True)
+    return {}
+
+
+def _members(hint: Any) -> list[tuple[str | None, Any]]:
+    """The declarations that a type allows, each with its tag; lists and tuples are looked into later."""
+    if get_origin(hint) is Annotated:
+        inner, *notes = get_args(hint)
+        tags = [note.tag for note in notes if isinstance(note, Tag)]
+        return [(tags[0] if tags else tag, member) for tag, member in _members(inner)]
+    if get_origin(hint) in (Union, types.UnionType):
+        return [pair for member in get_args(hint) for pair in _members(member)]
+    return [(None, hint)]
+
+
+def _tables_in(hint: Any) -> list[Any]:
+    found: list[Any] = []
+    for _, member in _members(hint):
+        if _hints(member):
+            found.append(member)
+        elif get_origin(member) in (list, tuple):
+            found += [table for item in get_args(member) for table in _tables_in(item)]
+    return found
+
+
+def _step(hint: Any, part: object) -> list[Any]:
+    """The declarations behind one part of an error's location."""
+    members = _members(hint)
+    tagged = [member for tag, member in members if tag == part]
+    if tagged:
+        return tagged
+    found: list[Any] = []
+    for _, member in members:
+        if isinstance(part, str) and part in _hints(member):
+            found.append(_hints(member)[part])
+        elif isinstance(part, int) and get_origin(member) in (list, tuple):
+            found += get_args(member)[:1]
+    return found
+
+
+def _declared(root: Any, loc: tuple) -> list[Any]:
+    found = [root]
+    for part in loc:
+        found = [hint for before in found for hint in _step(before, part)]
+    return found
+
+
+def _allowed_keys(root: Any, loc: tuple) -> list[str]:
+    return [
+        name
+        for hint in _declared(root, loc)
+        for _, member in _members(hint)
+        for name in _hints(member)
+    ]
+
+
+def _discriminator(hint: Any) -> Any:
+    if get_origin(hint) is Annotated:
+        for note in get_args(hint)[1:]:
+            if isinstance(note, Discriminator):
+                return note.discriminator
+        return _discriminator(get_args(hint)[0])
+    if get_origin(hint) in (Union, types.UnionType):
+        return next(filter(None, map(_discriminator, get_args(hint))), None)
+    return None
+
+
+# ---- files ------------------------------------------------------------------------------------
+
+
+def read_text(path: Path) -> str:
+    """The text of a scene file; InputError if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder, not a scene file") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8 ({error.reason})") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def parse(text: str, name: str, yaml: bool = False) -> dict[str, Any]:
+    """The tables of a TOML or YAML text; InputError with the line where its grammar fails."""
+    if yaml:
+        return _parse_yaml(text, name)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: not valid TOML: {error}") from None
+
+
+def _parse_yaml(text: str, name: str) -> dict[str, Any]:
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict:
+            seen: set[object] = set()
+            for key_node, _ in node.value:
+                key = self.construct_object(key_node, deep=True)
+                if key in seen:
+                    line = key_node.start_mark.line + 1
+                    raise InputError(f"{name}: the key {key!r} stands twice (line {line})")
+                seen.add(key)
+            return super().construct_mapping(node, deep)
+
+    # YAML 1.1 reads 1e7 as text; people who write it mean the number
+    number = re.compile(r"^[-+]?(\d[\d_]*)(\.\d*)?[eE][-+]?\d+$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+0123456789"))
+    try:
+        tables = yaml.load(text, Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f" (at line {mark.line + 1}, column {mark.column + 1})" if mark else ""
+        raise InputError(f"{name}: not valid YAML: {error.problem}{where}") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{name}: not valid YAML: {' '.join(str(error).split())}") from None
+    if tables is None:
+        return {}
+    if not isinstance(tables, dict) or not all(isinstance(key, str) for key in tables):
+        raise InputError(f"{name}: must be tables of keys and values, as in a packaged scene")
+    return tables
+
+
+# ---- overrides --------------------------------------------------------------------------------
+
+
+def parse_override(text: str) -> Override:
+    """`table.key=value`: the value is TOML, and a bare word is text."""
+    path, equals, value_text = text.partition("=")
+    parts = tuple(part.strip() for part in path.split("."))
+    if not equals or not all(parts):
+        raise InputError(f"--set {text}: must be table.key=value, as in --set time.duration=3600")
+    value_text = value_text.strip()
+    try:
+        value = tomllib.loads(f"value = {value_text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        if not value_text or value_text[0] in "\"'[{":
+            raise InputError(f"--set {text}: the value is not valid TOML: {error}") from None
+        value = value_text
+    return Override(parts, value, text)
+
+
+def apply_override(tables: dict[str, Any], override: Override, words: dict[str, str]) -> None:
+    """Put the value of an override into the tables, in place.
+
+    A part of the path may be the number of a table in a list of tables, counted from 1; where there is
+    only one, the number may be left out.  `words` names the tables that may stand as a single word, with the
+    key at which that word stands when the table is written out.
+    """
+    node: Any = tables
+    for depth, part in enumerate(override.keys[:-1]):
+        place = ".".join(override.keys[: depth + 1])
+        if part.isdecimal() and isinstance(node, dict):
+            raise InputError(f"--set {override.text}: {place} is not a list, so it takes no number")
+        node = node.setdefault(part, {}) if isinstance(node, dict) else _item(node, part, override)
+        if isinstance(node, list) and not override.keys[depth + 1].isdecimal():
+            if len(node) != 1:
+                raise InputError(
+                    f"--set {override.text}: there are {len(node)} {place}, say which: "
+                    f"{place}.1.{'.'.join(override.keys[depth + 1 :])}=…"
+                )
+            node = node[0]
+        if isinstance(node, str) and place in words:
+            node = tables[place] = {words[place]: node}
+        if not isinstance(node, (dict, list)):
+            raise InputError(f"--set {override.text}: {place} is {node!r}, not a table of keys")
+    last = override.keys[-1]
+    if isinstance(node, list):
+        if not last.isdecimal() or not 1 <= int(last) <= len(node):
+            raise InputError(f"--set {override.text}: {last!r} must be 1 to {len(node)}")
+        node[int(last) - 1] = override.value
+    else:
+        node[last] = override.value
+
+
+def _item(node: list, part: str, override: Override) -> Any:
+    if not part.isdecimal() or not 1 <= int(part) <= len(node):
+        raise InputError(f"--set {override.text}: {part!r} must be 1 to {len(node)}")
+    return node[int(part) - 1]
+
+
+# ---- validation -------------------------------------------------------------------------------
+
+
+def validate(
+    declaration: Any,
+    tables: dict[str, Any],
+    name: str,
+    overrides: tuple[Override, ...] = (),
+    given: dict[str, Any] | None = None,
+) -> Any:
+    """Tables as the declared type, or InputError.
+
+    `given` is what the user wrote, if the tables were put into a normal form since then: errors show it.
+    """
+    text = json.dumps(tables, default=str)
+    try:
+        return TypeAdapter(declaration).validate_json(text)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+        raise InputError(
+            _one_line(declaration, found, given or tables, name, overrides)
+        ) from None
+
+
+def place_text(path: tuple, name: str) -> str:
+    """File and table of a path of keys and indices, as a person would look for it."""
+    table = ""
+    for part in path:
+        table = f"{table} number {part + 1}" if isinstance(part, int) else f"{table}.{part}"
+    return f"{name}: [{table.strip('.')}]" if table else f"{name}:"
+
+
+def _one_line(
+    declaration: Any, errors: list, tables: dict, name: str, overrides: tuple[Override, ...]
+) -> str:
+    by_path: dict[tuple, list] = {}
+    for error in sorted(errors, key=lambda error: "extra" not in error["type"]):
+        by_path.setdefault(_path(error, tables), []).append(error)
+    path, first = next(iter(by_path.items()))
+    rest = f" (and {len(by_path) - 1} more)" if len(by_path) > 1 else ""
+    return _place(path, first[0], tables, name, overrides) + _message(declaration, first) + rest
+
+
+def _path(error: Any, tables: Any) -> tuple:
+    """Keys and indices of the user's own file; choices that pydantic made on the way are left out."""
+    path: list[Any] = []
+    node = tables
+    loc = error["loc"]
+    for depth, part in enumerate(loc):
+        known = (
+            part in node
+            if isinstance(node, dict)
+            else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        )
+        if known:
+            path.append(part)
+            node = node[part]
+        elif depth == len(loc) - 1 and error["type"].startswith("missing"):
+            path.append(part)
+    return tuple(path)
+
+
+def _place(
+    path: tuple, error: Any, tables: Any, name: str, overrides: tuple[Override, ...]
+) -> str:
+    words = tuple(str(part) for part in path if not isinstance(part, int))
+    for override in overrides:
+        keys_of = tuple(part for part in override.keys if not part.isdecimal())
+        unknown_table = "extra" in error["type"] and keys_of[: len(words)] == words
+        if words[: len(keys_of)] == keys_of or unknown_table:
+            return f"--set {override.text}: "
+    table, key = _split(path, tables)
+    where = place_text(table, name)
+    if not key:
+        return f"{where} "
+    if error["type"].startswith("missing"):
+        return f"{where} {key} "
+    value = json.dumps(_value(path, tables), default=str, ensure_ascii=False)
+    if len(value) > 60:
+        value = value[:57] + "..."
+    return f"{where} {key} = {value}: "
+
+
+def _split(path: tuple, tables: Any) -> tuple[tuple, str]:
+    """The table of a path and the key in it; a list of numbers belongs to its key."""
+    if isinstance(_value(path, tables), dict):
+        return path, ""
+    depth = len(path)
+    while depth and isinstance(path[depth - 1], int):
+        depth -= 1
+    key = "".join(f"[{part}]" if isinstance(part, int) else part for part in path[depth - 1 :])
+    return path[: max(depth - 1, 0)], key
+
+
+def _value(path: tuple, tables: Any) -> Any:
+    node = tables
+    for part in path:
+        if isinstance(node, dict) and part not in node:
+            return None
+        node = node[part]
+    return node
+
+
+_TYPES = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text in quotes",
+    "bool_type": "must be true or false",
+    "finite_number": "must be a finite number",
+    "tuple_type": "must be a list",
+    "list_type": "must be a list",
+}
+_BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+}
+
+
+def _message(declaration: Any, errors: list) -> str:
+    """What would be right; where several types are allowed, all of them."""
+    messages = list(dict.fromkeys(_message_of(declaration, error) for error in errors))
+    parts = [message.removeprefix("must be ") for message in messages]
+    if len(messages) > 1 and all(message.startswith("must be ") for message in messages):
+        return "must be " + ", or ".join(parts)
+    return messages[0]
+
+
+def _message_of(declaration: Any, error: Any) -> str:
+    kind, context, loc = error["type"], error.get("ctx", {}), error["loc"]
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return f"unknown key; {choose(loc[-1], _allowed_keys(declaration, loc[:-1]))}"
+    if kind.startswith("missing"):
+        owners = [
+            member
+            for hint in _declared(declaration, loc[:-1])
+            for _, member in _members(hint)
+            if loc[-1] in _hints(member)
+        ]
+        text = _default(owners[0], loc[-1])[1] if owners else ""
+        return "is missing" + (f": {text}" if text else "")
+    if kind == "literal_error":
+        return choose(error["input"], re.findall(r"'([^']*)'", context["expected"]))
+    if kind.startswith("union_tag"):
+        hint = _declared(declaration, loc)[0]
+        words = [str(tag).removeprefix("=") for tag, _ in _members(hint) if tag]
+        key = getattr(_discriminator(hint), "key", "")
+        word = context.get("tag", "").removeprefix("=")
+        return f"{key} = {json.dumps(word)}: " * bool(key) + choose(word, words)
+    if kind in _BOUNDS:
+        words_of, name = _BOUNDS[kind]
+        return f"must be {words_of} {context[name]:g}"
+    if kind in ("too_long", "too_short"):
+        bound = context.get("max_length", context.get("min_length"))
+        few = "at least " * (kind == "too_short")
+        return f"must have {few}{bound} entries"
+    if kind in ("model_type", "model_attributes_type", "named_tuple_type", "dict_type"):
+        return "must be a table of keys"
+    if kind == "value_error":
+        return str(context["error"])
+    return _TYPES.get(kind, error["msg"])
