@@ -14,19 +14,17 @@ from floebmi.contact import Contact, prepare
 from floebmi.dynamics import BLOCK, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import AtFloes, Booked, Force, fastest_rate
+from floebmi.forces import AtFloes, Force, at_floes, extend, fastest_rate, in_order, speed_bound
 from floebmi.pack import (
     PairList,
-    Stiffest,
     list_pairs,
     look,
     pack,
     paper_step,
-    reach,
     remembered,
     stable_step,
     stiffest,
-    take,
+    strayed,
     unpack,
 )
 
@@ -73,12 +71,17 @@ class Advance:
         at: tuple[AtFloes, ...],
         step: Step,
         density: float,
+        draft_fraction: float,
         time: float,
     ) -> None:
         self.floes, self.state, self.domain, self.step = floes, state, domain, step
         self.contact = None if contact is None else prepare(contact)
-        self.wall_law = None if contact is None else self.contact._replace(friction=None, bonds=None)
-        self.forces, self.at, self.density, self.time = forces, at, density, time
+        self.walls = state.walls if len(state.walls) else None
+        self.wall_law = None
+        if self.walls is not None and contact is not None:
+            self.wall_law = self.contact._replace(friction=None, bonds=None)
+        self.forces, self.at, self.time = forces, list(at), time
+        self.density, self.draft_fraction = density, draft_fraction
         self.period = domain.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(4)
@@ -94,7 +97,7 @@ class Advance:
         state = self.state
         self.packed = pack(self.floes, self.contact, self.density, state.previous)
         number = self.packed.number
-        self.here = tuple(_in_order(at, number) for at in self.at)
+        self.here = tuple(in_order(at, number) for at in self.at)
         radius = self.packed.place.r
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         decades = np.log2(largest / smallest) if largest else 0.0
@@ -126,7 +129,7 @@ class Advance:
         touch(
             self.contact, self.wall_law, *self.period, p.place, p.moving, p.spinning,
             self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
-            self.state.walls, self.wall_floe, self.wall_number, dt, p.force, self.buffer,
+            self.walls, self.wall_floe, self.wall_number, dt, p.force, self.buffer,
         )  # fmt: skip
 
     def _unpack(self) -> None:
@@ -183,7 +186,15 @@ class Advance:
         """Room for new floes in what is kept per floe outside of `Floes`."""
         if self.state.previous is not None:
             self.state.previous = np.concatenate([self.state.previous, np.zeros((count, 3))])
-        self.at = self.grow_at(count)
+        new = slice(len(self.floes) - count, None)
+        radius, thickness = self.floes.radius[new], self.floes.thickness[new]
+        for k, force in enumerate(self.forces):
+            more = at_floes(
+                force, radius, thickness, self.draft_fraction * thickness, self.density,
+                self.floes.rotation, self.floes.land[new],
+            )  # fmt: skip
+            # until the next exchange a new floe feels what the floe listed last feels
+            self.at[k] = extend(self.at[k], more)
 
     # ---- stepping ----------------------------------------------------------------------------------
 
@@ -197,7 +208,7 @@ class Advance:
 
     def run(self, duration: float) -> None:
         """Advance by `duration` seconds, exactly."""
-        self._cross_edges_at_start()
+        self.floes.active[self._cross_edges()] = False
         self.start()
         done = 0.0
         while done < duration:
@@ -230,11 +241,26 @@ class Advance:
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
 
     def _half_skin(self) -> float:
-        return 0.5 * self.skin if self.contact is not None else self._shortest_leave()
+        # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
+        return 0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
+
+    def _substeps(self, dt: float) -> int:
+        """Sub-steps of the other forces: as many as keep |J| Δt small, so that nothing overshoots."""
+        if not self.forces or not len(self.packed.number):
+            return 1
+        motion, spinning = self.packed.motion, self.packed.spinning
+        speed = float(np.sqrt((motion.u**2 + motion.v**2).max()))
+        spin = 0.0 if spinning is None else float(np.abs(spinning.omega).max())
+        speed = speed_bound(self.forces, self.here, speed)
+        rate = sum(
+            fastest_rate(force, at, speed, spin)
+            for force, at in zip(self.forces, self.here, strict=True)
+        )
+        return max(1, int(np.ceil(rate * dt / DRAG_RESOLUTION)))
 
     def _kernel(self, dt: float, steps: int, substeps: int) -> tuple[int, float]:
-        s, half_skin = self.state, self._half_skin()
-        lists = s.walls, self.wall_floe, self.wall_number, self.constraint, self.losses
+        half_skin = self._half_skin()
+        lists = self.walls, self.wall_floe, self.wall_number, self.constraint, self.losses
         laws = self.contact, self.wall_law, self.forces, self.here, *self.period
         if self.step.scheme == "verlet":
             return verlet(
@@ -245,3 +271,85 @@ class Advance:
             self.step.scheme == "taylor3", *laws, self.packed, self.pairs, *lists, dt, steps,
             self.travelled, half_skin,
         )  # fmt: skip
+
+    def _count(self, steps: int, dt: float) -> None:
+        counters = self.state.counters
+        counters.steps += steps
+        counters.floe_steps += steps * len(self.packed.number)
+        counters.pairs += steps * len(self.pairs.i)
+        counters.shortest_step = min(counters.shortest_step, dt)
+        counters.longest_step = max(counters.longest_step, dt)
+
+    def _check(self, dt: float, done: float) -> None:
+        """Stop, before anything is handed on, when the floes left what the step resolves."""
+        place, motion = self.packed.place, self.packed.motion
+        if not len(place):
+            return
+        speed = np.sqrt(motion.u**2 + motion.v**2)
+        at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
+        wild = ~(np.isfinite(speed) & np.isfinite(place.x) & np.isfinite(place.y))
+        if wild.any():
+            floe = self.packed.number[np.argmax(wild)]
+            raise StabilityError(
+                f"floe {floe}: position or velocity is no longer finite {at}; "
+                f"a step of {0.5 * dt:g} s may hold"
+            )
+        if self.contact is not None:
+            way = speed * dt / place.r
+            worst = int(np.argmax(way))
+            if way[worst] > 0.5:
+                raise StabilityError(
+                    f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
+                    f"({speed[worst]:.3g} m/s) {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                )
+
+    # ---- books -------------------------------------------------------------------------------------
+
+    def elastic_energy(self) -> float:
+        """Energy stored in contacts, bonds and walls [J]."""
+        p, walls = self.packed, self.state.walls
+        rows = look(
+            self.contact, *self.period, p.place,
+            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
+        )  # fmt: skip
+        energy = float(rows[:, 9].sum())
+        for w, wall in enumerate(walls):
+            place = p.place[self.wall_floe[self.wall_number == w]]
+            gap = wall.side * ((place.x if wall.axis == 0 else place.y) - wall.position) - place.r
+            pressed = np.minimum(gap, 0.0)
+            if self.contact is not None:
+                k_n = self.contact.elastic.youngs_modulus * place.h
+                energy += float((0.5 * k_n * pressed**2).sum())
+        return energy
+
+    def stock(self) -> np.ndarray:
+        """Mass, momentum and energy of the ice now."""
+        stock = floe_stock(self.floes, np.flatnonzero(self.floes.active), self.density)
+        stock[3] += self.elastic_energy()
+        return stock
+
+    def _book(self) -> None:
+        ledger = self.state.ledger
+        for wall in self.state.walls:
+            along = {"x": wall.impulse} if wall.axis == 0 else {"y": wall.impulse}
+            ledger.book("walls", energy=wall.work, **along)
+            wall.impulse = wall.work = 0.0
+        if len(self.packed.held) or self.constraint.any():
+            x, y, work = self.constraint
+            ledger.book("held floes and coast", x=x, y=y, energy=work)
+        for name, loss in zip(("friction", "dashpots", "broken bonds"), self.losses, strict=False):
+            if loss:
+                ledger.book(name, energy=-loss)
+        self.state.counters.bonds_broken += int(round(self.losses[3]))
+
+
+def floe_stock(floes: Floes, number: np.ndarray, density: float) -> np.ndarray:
+    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
+    number = number[~floes.land[number]]
+    mass = floes.mass(density)[number]
+    u, v = floes.u[number], floes.v[number]
+    energy = 0.5 * (mass * (u**2 + v**2)).sum()
+    if floes.rotation:
+        inertia = floes.moment_of_inertia(density)[number]
+        energy += 0.5 * (inertia * floes.angular_velocity[number] ** 2).sum()
+    return np.array([mass.sum(), (mass * u).sum(), (mass * v).sum(), energy])

@@ -40,7 +40,7 @@ class Step(NamedTuple):
     """
 
     scheme: Literal["verlet", "taylor2", "taylor3"] = "verlet"
-    fraction: PositiveFraction = 0.4
+    fraction: PositiveFraction = 0.15
     epsilon: Positive | None = None
     length: Positive | None = None
 
@@ -121,12 +121,7 @@ def kick(moving, spinning, force, inverse_x, inverse_y, inverse_spin, held, wall
         constraint[1] += y
         constraint[2] += x * moving[k].u + y * moving[k].v
         constraint[2] += held_spin_work(spinning, force, inverse_spin, k, dt)
-    for w in range(walls.size):
-        wall = walls[w]
-        change = dt * wall.inverse_mass * (wall.force + wall.side * wall.press)
-        wall.impulse -= dt * wall.force
-        wall.work -= dt * wall.force * (wall.speed + 0.5 * change)
-        wall.speed += change
+    kick_walls(walls, dt)
 
 
 @dispatched
@@ -137,6 +132,21 @@ def kick_spin(spinning, force, inverse_spin, dt):
 
 @kick_spin.register
 def _(spinning: None, force, inverse_spin, dt):
+    pass
+
+
+@dispatched
+def kick_walls(walls, dt):
+    for w in range(walls.size):
+        wall = walls[w]
+        change = dt * wall.inverse_mass * (wall.force + wall.side * wall.press)
+        wall.impulse -= dt * wall.force
+        wall.work -= dt * wall.force * (wall.speed + 0.5 * change)
+        wall.speed += change
+
+
+@kick_walls.register
+def _(walls: None, dt):
     pass
 
 
@@ -175,14 +185,25 @@ def drift(
         floe.x += half * u
         floe.y += half * v
         fastest = max(fastest, u * u + v * v)
-    drift_spin(forces, at, spinning, angle, inertia, inverse_spin, dt, substeps, constraint)
+    drift_spin(spinning, forces, at, angle, inertia, inverse_spin, dt, substeps, constraint)
+    return max(fastest, drift_walls(walls, dt))
+
+
+@dispatched
+def drift_walls(walls, dt):
+    fastest = 0.0
     for w in range(walls.size):
         wall = walls[w]
-        wall.position += half * wall.speed
+        wall.position += 0.5 * dt * wall.speed
         wall.speed *= np.exp(-wall.damping * dt)
-        wall.position += half * wall.speed
+        wall.position += 0.5 * dt * wall.speed
         fastest = max(fastest, wall.speed * wall.speed)
     return fastest
+
+
+@drift_walls.register
+def _(walls: None, dt):
+    return 0.0
 
 
 @jit
@@ -209,7 +230,7 @@ def push(forces, at, k, u, v, mass, free_x, free_y, h, constraint):
 
 
 @dispatched
-def drift_spin(forces, at, spinning, angle, inertia, inverse_spin, dt, substeps, constraint):
+def drift_spin(spinning, forces, at, angle, inertia, inverse_spin, dt, substeps, constraint):
     half = 0.5 * dt
     h = dt / substeps
     for k in range(angle.size):
@@ -225,6 +246,11 @@ def drift_spin(forces, at, spinning, angle, inertia, inverse_spin, dt, substeps,
             omega += change
         spinning[k].omega = omega
         angle[k] += half * omega
+
+
+@drift_spin.register
+def _(spinning: None, forces, at, angle, inertia, inverse_spin, dt, substeps, constraint):
+    pass
 
 
 @jit
@@ -377,7 +403,7 @@ def _(spinning: None, i, j, k, buffer, force):
     pass
 
 
-@jit
+@dispatched
 def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, dt, force):
     """Frictionless walls push floes that reach over them (eq. wall); returns the energy lost [J]."""
     loss = 0.0
@@ -401,6 +427,11 @@ def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, dt, forc
         wall.force -= wall.side * f.f_n
         loss += f.dashpot_loss
     return loss
+
+
+@touch_walls.register
+def _(wall_law: None, place, moving, walls, wall_floe, wall_number, dt, force):
+    return 0.0
 
 
 @dispatched
@@ -496,27 +527,16 @@ def taylor(
                 y = -dt * (p.force[k].y + p.mass[k] * other.y)
                 constraint[1] += y
                 constraint[2] += y * p.motion[k].v
-        taylor_spin(third_order, forces, at, p, dt)
-        for w in range(walls.size):
-            wall = walls[w]
-            wall.impulse -= dt * wall.force
-            wall.work -= dt * wall.force * wall.speed
-            change = dt * wall.inverse_mass * (wall.force + wall.side * wall.press)
-            wall.position += dt * (wall.speed + 0.5 * change)
-            wall.speed = (wall.speed + change) / (1.0 + dt * wall.damping)
-            fastest = max(fastest, wall.speed * wall.speed)
+        taylor_spin(p.spinning, third_order, forces, at, p, dt)
+        kick_walls(walls, dt)
+        fastest = max(fastest, drift_walls(walls, dt))
         travelled += dt * np.sqrt(fastest)
         done += 1
     return done, travelled
 
 
-@jit
-def taylor_spin(third_order, forces, at, p, dt):
-    taylor_spin_of(p.spinning, third_order, forces, at, p, dt)
-
-
 @dispatched
-def taylor_spin_of(spinning, third_order, forces, at, p, dt):
+def taylor_spin(spinning, third_order, forces, at, p, dt):
     for k in range(p.angle.size):
         omega = spinning[k].omega
         other = total_spin_up(forces, at, k, omega)[0] if p.inverse_spin[k] > 0.0 else 0.0
@@ -528,7 +548,7 @@ def taylor_spin_of(spinning, third_order, forces, at, p, dt):
         p.previous[k, 2] = alpha
 
 
-@taylor_spin_of.register
+@taylor_spin.register
 def _(spinning: None, third_order, forces, at, p, dt):
     pass
 

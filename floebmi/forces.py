@@ -161,6 +161,25 @@ def at_floes(
     return AtFloes(booked)
 
 
+def in_order(at: AtFloes, number: np.ndarray) -> AtFloes:
+    """The same for the floes of the given numbers, in their order."""
+    return AtFloes(
+        Booked(*(values[number] for values in at.booked)),
+        *(None if values is None else values[number] for values in at[1:]),
+    )
+
+
+def extend(at: AtFloes, more: AtFloes) -> AtFloes:
+    """With further floes behind; fluid velocities of new floes are those of the last one."""
+    joined = []
+    for name, old, new in zip(AtFloes._fields[1:], at[1:], more[1:], strict=True):
+        if old is not None and name in ("u", "v", "spin") and len(old):
+            new = np.full(len(new), old[-1])
+        joined.append(None if old is None else np.concatenate([old, new]))
+    booked = (np.concatenate(pair) for pair in zip(at.booked, more.booked, strict=True))
+    return AtFloes(Booked(*booked), *joined)
+
+
 # ---- the laws in the kernel -------------------------------------------------------------------------
 
 
@@ -249,11 +268,37 @@ def _(force: AirDrag, at, k, omega):
     return quadratic_torque(at.spin_rate[k], at.spin[k] - omega)
 
 
+def speed_bound(forces: tuple[Force, ...], at: tuple[AtFloes, ...], speed: float) -> float:
+    """Bound on the speed [m/s] that floes moving at `speed` can reach: fluids drag them no faster."""
+    water, wind, push = 0.0, 0.0, 0.0
+    drag, wind_drag = 0.0, 0.0
+    for force, here in zip(forces, at, strict=True):
+        fastest = 0.0
+        if here.u is not None:
+            fastest = float(np.sqrt((here.u**2 + here.v**2).max(initial=0.0)))
+        if isinstance(force, OceanDrag):
+            water, drag = fastest, here.rate[here.rate > 0].min(initial=np.inf)
+        elif isinstance(force, AirDrag):
+            wind, wind_drag = fastest, here.rate.max(initial=0.0)
+        elif isinstance(force, Tilt):
+            push += force.gravity * fastest
+        elif isinstance(force, BodyForce):
+            push += float(np.hypot(force.x, force.y))
+    if drag > 0 and np.isfinite(drag):  # ocean drag balances wind and the rest
+        driven = np.sqrt((wind_drag * wind**2 + push) / drag)
+        return max(speed, water) + float(min(driven, wind) if not push else driven)
+    return max(speed, wind)
+
+
 def fastest_rate(force: Force, at: AtFloes, speed: float, spin: float) -> float:
-    """Bound on |J| [1/s] while floes and fluids move no faster than `speed` and spin no faster than `spin`."""
+    """Bound on |J| [1/s] while floes move no faster than `speed` and spin no faster than `spin`."""
     if isinstance(force, OceanDrag | AirDrag):
-        turning = 0.0 if at.spin_rate is None else 4 * spin * at.spin_rate.max(initial=0.0)
-        return max(4 * speed * at.rate.max(initial=0.0), turning)
+        fluid = float(np.sqrt((at.u**2 + at.v**2).max(initial=0.0)))
+        rate = 2 * (speed + fluid) * at.rate.max(initial=0.0)
+        if at.spin_rate is not None:
+            turning = spin + np.abs(at.spin).max(initial=0.0)
+            rate = max(rate, 2 * turning * at.spin_rate.max(initial=0.0))
+        return float(rate)
     if isinstance(force, Coriolis):
         return abs(force.parameter)
     if isinstance(force, CoriolisField):

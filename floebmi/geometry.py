@@ -1,8 +1,8 @@
-"""How much of a disc lies in a cell: areas in closed form.
+"""How much of a disc or of a branch lies in a cell, in closed form.
 
-A disc and a polygon.  The centre of the disc is moved to the origin O first.  Each edge a → b, taken
-counter-clockwise, adds the signed area that the disc shares with the triangle O a b; the sum over the
-edges is exact for convex and concave polygons, wherever O lies.
+A disc and a polygon.  The centre of the disc is moved to the origin O first.  Each edge a → b,
+taken counter-clockwise, adds the signed area that the disc shares with the triangle O a b; the sum
+over the edges is exact for convex and concave polygons, wherever O lies.
 
                   b                         d = b − a       points of the edge: a + t d
                  /                          A = d·d         B = a·d       C = a × d
@@ -21,8 +21,11 @@ A disc and a rectangle.  With H(x) the area of the disc west of a line at x from
 
     H(x) = r² (π/2 + asin(x/r)) + x √(r² − x²),
 
-the area south-west of a corner (x, y) needs no more than H of its two lines, and the rectangle is the
-sum of its four corners with signs + − + −.  One H serves a whole line of a rectilinear grid.
+the area south-west of a corner (x, y) needs no more than H of its two lines, and the rectangle is
+the sum of its four corners with signs + − + −.  One H serves a whole line of a rectilinear grid.
+
+A branch, the line from one floe's centre to another's, is cut where it crosses edges; each piece
+then lies in one cell.
 """
 
 from __future__ import annotations
@@ -102,6 +105,22 @@ def disc_south_west(x, y, west, south, r):
     if x <= 0.0 and y <= 0.0:
         return 0.0
     return west if x <= 0.0 else south
+
+
+@jit
+def cut(px, py, dx, dy, ax, ay, bx, by):
+    """Where the branch p + t d crosses the edge a → b, as t in (0, 1); -1 if it does not.
+
+    Edges count as a little longer than they are: a cut too many only makes two pieces of one, a cut
+    missed at a corner would give a piece to the wrong cell.
+    """
+    ex, ey = bx - ax, by - ay
+    area = dx * ey - dy * ex
+    if area == 0.0:  # alongside: the ends of the edge are cut by the edges that meet it there
+        return -1.0
+    t = ((ax - px) * ey - (ay - py) * ex) / area
+    s = ((ax - px) * dy - (ay - py) * dx) / area
+    return t if 0.0 < t < 1.0 and -1e-9 <= s <= 1.0 + 1e-9 else -1.0
 
 
 def disc_rectangle(

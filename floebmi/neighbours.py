@@ -208,7 +208,7 @@ def _window(position, s, width, n, period):
 
 
 @jit
-def carry(pairs_start, pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, memory):
+def carry(pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, memory):
     """Take over what pairs remember: `number` is a floe's number for ever, `old_place` its old row."""
     for p in range(pairs_i.size):
         a = old_place[number[pairs_i[p]]]

@@ -21,16 +21,15 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from operator import attrgetter
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
 
 import numpy as np
 
 import floebmi
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
+from floebmi.projection import check_projection, to_lonlat
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from floebmi.model import Model
 
 EPOCH = "2000-01-01 00:00:00"  # for runs without a date; `time:epoch` then says "arbitrary"
-CHUNK = 4096  # numbers in a chunk of a small field; larger fields are one compressed chunk per frame
+CHUNK = 4096  # numbers in a chunk of a small field; larger ones: a compressed chunk per frame
 FILE_VERSION = 1
 RESTART_VERSION = 1
 
@@ -60,7 +59,57 @@ class _Place(NamedTuple):
     attributes: dict[str, str]
 
 
-class GriddedWriter:
+class _GrowingFile:
+    """A NetCDF file that is whole after its first frame and after each further one."""
+
+    def __init__(self, path: str | Path, overwrite: bool) -> None:
+        self.path = Path(path)
+        self._data: Dataset | None = None
+        self._count = 0
+        self._last = -np.inf
+        self._closed = False
+        _check_target(self.path, overwrite)
+
+    def close(self) -> None:
+        """Close the file; nothing can be written afterwards."""
+        if self._data is not None:
+            self._data.close()
+            self._data = None
+        self._closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @contextlib.contextmanager
+    def _frame(self, time: float) -> Iterator[tuple["Dataset", int]]:
+        """The open file, and the number of the frame to write into it."""
+        from netCDF4 import Dataset
+
+        if self._closed:
+            raise InputError(f"{self.path}: already closed; make a new writer to write more")
+        if not time > self._last:
+            raise InputError(f"{self.path}: frame at {time} s, but the last is at {self._last} s")
+        if self._data is None:
+            part = self.path.with_name(self.path.name + ".part")
+            try:
+                with Dataset(part, "w") as data:
+                    yield data, 0
+                os.replace(part, self.path)
+            finally:
+                part.unlink(missing_ok=True)
+            self._data = Dataset(self.path, "a")
+        else:
+            yield self._data, self._count
+            self._data.sync()
+        self._count += 1
+        self._last = time
+
+
+@final
+class GriddedWriter(_GrowingFile):
     """Fields on the model's grids, one frame per `write`.
 
     Parameters
@@ -70,8 +119,8 @@ class GriddedWriter:
     attributes : global attributes, texts and numbers: title, scene text, licence of the data …
     reference : date of the run's time 0, such as "1979-01-15 12:00"; None: an arbitrary epoch
     calendar : CF calendar of the reference
-    projection : anything pyproj takes for the plane of x and y [m]; then latitude and longitude are
-        written too
+    projection : the plane of x and y [m], such as "EPSG:3413" (see projection.py); then latitude and
+        longitude are written too
     land : rings of land polygons, arrays of shape (k, 2) [m]
     names : short names of the variables to write (see variables.py); None: all that the model has
     overwrite : whether an existing file may be replaced
@@ -91,25 +140,20 @@ class GriddedWriter:
         *,
         reference: str | None = None,
         calendar: str = "standard",
-        projection: Any = None,
+        projection: str | None = None,
         land: Sequence[np.ndarray] = (),
         names: Sequence[str] | None = None,
         overwrite: bool = False,
     ) -> None:
         if model.grid is None:
             raise InputError(f"{path}: the model has no grid; give it one to write gridded fields")
-        self._file = _GrowingFile(path, overwrite)
-        self._time = _time_attributes(reference, calendar)
-        self._projection = _projection(projection)
+        super().__init__(path, overwrite)
+        self._clock = _time_attributes(reference, calendar)
+        self._projection = None if projection is None else check_projection(projection)
         self._land = _rings(land)
         self._attributes = _global_attributes(model, attributes, "gridded")
         self._rows = _rows_of(model, names)
         self._before = model.time, _impulses(model)
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self._file.path
 
     def write(self, model: "Model") -> None:
         """Append the fields at the model's time.
@@ -122,7 +166,7 @@ class GriddedWriter:
         now = model.time, _impulses(model)
         values = _values(model, self._rows)
         values.update(_mean_stresses(model, self._before, now, self._rows))
-        with self._file.frame(model.time) as (data, k):
+        with self._frame(model.time) as (data, k):
             if k == 0:
                 self._define(data, model)
             data["time"][k] = now[0]
@@ -136,23 +180,11 @@ class GriddedWriter:
             _write_ledger(data, k, model)
         self._before = now
 
-    def close(self) -> None:
-        """Close the file; nothing can be written afterwards."""
-        self._file.close()
-
-    def __enter__(self) -> "GriddedWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _define(self, data: "Dataset", model: "Model") -> None:
         data.setncatts(self._attributes)
         data.createDimension("time", None)
         data.createDimension("bnds", 2)
-        _define_time(data, self._time)
+        _define_time(data, self._clock)
         data["time"].bounds = "time_bnds"
         data.createVariable("time_bnds", "f8", ("time", "bnds"), chunksizes=(512, 2))
         _define_ledger(data)
@@ -175,7 +207,8 @@ class GriddedWriter:
             variable.setncatts({**_describe(row), **place.attributes})
 
 
-class TrajectoryWriter:
+@final
+class TrajectoryWriter(_GrowingFile):
     """The floes as CF trajectories, one frame per `write`; trajectory k is floe k for ever.
 
     Radius, thickness and prescribed motion have no time dimension.  Floes that come in later get new
@@ -203,15 +236,15 @@ class TrajectoryWriter:
         *,
         reference: str | None = None,
         calendar: str = "standard",
-        projection: Any = None,
+        projection: str | None = None,
         land: Sequence[np.ndarray] = (),
         changing: Sequence[str] = (),
         contacts: bool = True,
         overwrite: bool = False,
     ) -> None:
-        self._file = _GrowingFile(path, overwrite)
-        self._time = _time_attributes(reference, calendar)
-        self._projection = _projection(projection)
+        super().__init__(path, overwrite)
+        self._clock = _time_attributes(reference, calendar)
+        self._projection = None if projection is None else check_projection(projection)
         self._land = _rings(land)
         self._attributes = _global_attributes(model, attributes, "trajectories")
         self._attributes["featureType"] = "trajectory"
@@ -222,11 +255,6 @@ class TrajectoryWriter:
         self._constant = tuple(sorted(constant - set(changing)))
         self._written = {name: np.empty(0) for name in self._constant}
         self._contacts = contacts
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self._file.path
 
     def write(self, model: "Model") -> None:
         """Append the floes at the model's time.
@@ -246,7 +274,7 @@ class TrajectoryWriter:
                     f"{self.path}: {name} of floe {changed[0]} has changed; say changing=({name!r},)"
                 )
         gone = ~model.floes.active
-        with self._file.frame(model.time) as (data, k):
+        with self._frame(model.time) as (data, k):
             if k == 0:
                 self._define(data, values, n)
             data["time"][k] = model.time
@@ -260,18 +288,6 @@ class TrajectoryWriter:
                     data[name][k, :n] = np.where(gone, missing, value)
             _write_ledger(data, k, model)
         self._written = {name: values[name].copy() for name in self._constant}
-
-    def close(self) -> None:
-        """Close the file; nothing can be written afterwards."""
-        self._file.close()
-
-    def __enter__(self) -> "TrajectoryWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _values(self, model: "Model") -> dict[str, np.ndarray]:
         floes = model.floes
@@ -288,7 +304,7 @@ class TrajectoryWriter:
         data.setncatts(self._attributes)
         data.createDimension("time", None)
         data.createDimension("trajectory", None)
-        _define_time(data, self._time)
+        _define_time(data, self._clock)
         _define_ledger(data)
         _define_projection(data, self._projection)
         _define_land(data, self._land)
@@ -317,48 +333,6 @@ class TrajectoryWriter:
             variable.setncatts(_describe(rows[name]) if name in rows else _GEOGRAPHIC[name])
             variable.setncatts(_FLAGS.get(name, {}))
         data["x"].axis, data["y"].axis = "X", "Y"
-
-
-class _GrowingFile:
-    """A NetCDF file that is whole after its first frame and after each further one."""
-
-    def __init__(self, path: str | Path, overwrite: bool) -> None:
-        self.path = Path(path)
-        self._data: Dataset | None = None
-        self._count = 0
-        self._time = -np.inf
-        self._closed = False
-        _check_target(self.path, overwrite)
-
-    @contextlib.contextmanager
-    def frame(self, time: float) -> Iterator[tuple["Dataset", int]]:
-        """The open file and the number of the frame to write into it."""
-        from netCDF4 import Dataset
-
-        if self._closed:
-            raise InputError(f"{self.path}: already closed; make a new writer to write more")
-        if not time > self._time:
-            raise InputError(f"{self.path}: frame at {time} s, but the last is at {self._time} s")
-        if self._count == 0:
-            part = self.path.with_name(self.path.name + ".part")
-            try:
-                with Dataset(part, "w") as data:
-                    yield data, 0
-                os.replace(part, self.path)
-            finally:
-                part.unlink(missing_ok=True)
-            self._data = Dataset(self.path, "a")
-        else:
-            yield self._data, self._count
-            self._data.sync()
-        self._count += 1
-        self._time = time
-
-    def close(self) -> None:
-        if self._data is not None:
-            self._data.close()
-            self._data = None
-        self._closed = True
 
 
 # ---- what stands in the files -----------------------------------------------------------------
@@ -426,6 +400,8 @@ def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
         "calendar": calendar,
         "axis": "T",
     }
+    if calendar == "standard":
+        attributes["units_metadata"] = "leap_seconds: none"
     if reference is None:
         attributes["epoch"] = "arbitrary"
         attributes["comment"] = "the run has no date; these are seconds since its start"
@@ -436,26 +412,24 @@ def _define_time(data: "Dataset", attributes: Mapping[str, str]) -> None:
     data.createVariable("time", "f8", ("time",), chunksizes=(512,)).setncatts(attributes)
 
 
-def _projection(projection: Any) -> Any:
+def _define_projection(data: "Dataset", projection: str | None) -> None:
     if projection is None:
-        return None
+        return
     import pyproj
 
-    try:
-        crs = pyproj.CRS.from_user_input(projection)
-    except pyproj.exceptions.CRSError:
-        raise InputError(
-            f"projection = {projection!r}: unknown; must be like 'EPSG:3413' or '+proj=laea …'"
-        ) from None
-    units = [axis.unit_name for axis in crs.axis_info]
-    if not crs.is_projected or units[:2] != ["metre", "metre"]:
-        raise InputError(f"projection = {projection!r}: must have x and y in metres, not {units}")
-    return crs
+    attributes = pyproj.CRS.from_user_input(projection).to_cf()
+    if attributes["grid_mapping_name"] == "polar_stereographic":
+        # CF asks for the pole beside the standard parallel; pyproj leaves it out
+        pole = np.copysign(90.0, attributes.get("standard_parallel", 90.0))
+        attributes.setdefault("latitude_of_projection_origin", pole)
+    _container(data, "crs", attributes)
 
 
-def _define_projection(data: "Dataset", crs: Any) -> None:
-    if crs is not None:
-        data.createVariable("crs", "i4").setncatts(crs.to_cf())
+def _container(data: "Dataset", name: str, attributes: Mapping[str, Any]) -> None:
+    """A variable whose number means nothing: its attributes count."""
+    container = data.createVariable(name, "i4")
+    container.setncatts(attributes)
+    container[...] = 0
 
 
 _GEOGRAPHIC = {
@@ -472,11 +446,8 @@ _GEOGRAPHIC = {
 }
 
 
-def _geographic(crs: Any, x: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
-    import pyproj
-
-    to_globe = pyproj.Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
-    longitude, latitude = to_globe.transform(x, y)
+def _geographic(projection: str, x: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
+    longitude, latitude = to_lonlat(projection, x, y)
     return {"latitude": latitude, "longitude": longitude}
 
 
@@ -496,12 +467,14 @@ def _define_land(data: "Dataset", rings: list[np.ndarray]) -> None:
         return
     data.createDimension("land", len(rings))
     data.createDimension("land_node", sum(map(len, rings)))
-    data.createVariable("land_polygons", "i4").setncatts(
+    _container(
+        data,
+        "land_polygons",
         {
             "geometry_type": "polygon",
             "node_count": "land_node_count",
             "node_coordinates": "land_x land_y",
-        }
+        },
     )
     count = data.createVariable("land_node_count", "i4", ("land",))
     count.long_name = "number of corners of each land polygon"
@@ -512,7 +485,7 @@ def _define_land(data: "Dataset", rings: list[np.ndarray]) -> None:
         corner[:] = values
 
 
-def _define_grid(data: "Dataset", grid: Grid, suffix: str, crs: Any) -> _Place:
+def _define_grid(data: "Dataset", grid: Grid, suffix: str, projection: str | None) -> _Place:
     """Dimensions, coordinates, bounds, areas and mask of a grid."""
     if grid.kind == "unstructured":
         dimensions = (f"cell{suffix}",)
@@ -525,24 +498,26 @@ def _define_grid(data: "Dataset", grid: Grid, suffix: str, crs: Any) -> _Place:
         corners = _define_edges
     for name, size in zip(dimensions, grid.shape, strict=True):
         data.createDimension(name, size)
-    attributes = {"cell_measures": f"area: cell_area{suffix}"}
-    attributes.update(corners(data, grid, suffix, dimensions))
-    if crs is not None:
+    attributes = corners(data, grid, suffix, dimensions)
+    if projection is not None:
         attributes["grid_mapping"] = "crs"
-        for name, values in _geographic(crs, grid.x, grid.y).items():
+        for name, values in _geographic(projection, grid.x, grid.y).items():
             place = data.createVariable(name + suffix, "f8", dimensions)
             place.setncatts(_GEOGRAPHIC[name])
             place[:] = values.reshape(grid.shape)
-            attributes["coordinates"] = f"{attributes.get('coordinates', '')} {name}{suffix}".strip()
+            attributes["coordinates"] = (
+                f"{attributes.get('coordinates', '')} {name}{suffix}".strip()
+            )
     area = data.createVariable(f"cell_area{suffix}", "f8", dimensions)
     area.setncatts({"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"})
+    area.setncatts(attributes)
     area[:] = grid.area.reshape(grid.shape)
     if not grid.wet.all():
         mask = data.createVariable(f"land_mask{suffix}", "i1", dimensions, fill_value=False)
         mask.setncatts({"standard_name": "land_binary_mask", "long_name": "1 on land, 0 on sea"})
-        mask.setncatts({"units": "1", **_FLAGS["land_mask"]})
+        mask.setncatts({"units": "1", **_FLAGS["land_mask"], **attributes})
         mask[:] = ~grid.wet.reshape(grid.shape)
-    return _Place(grid, dimensions, attributes)
+    return _Place(grid, dimensions, {"cell_measures": f"area: cell_area{suffix}", **attributes})
 
 
 def _centre(axis: str) -> dict[str, str]:
@@ -589,7 +564,9 @@ def _define_mesh(
     (cell,) = dimensions
     data.createDimension(f"node{suffix}", grid.node_x.size)
     data.createDimension(f"corner{suffix}", grid.face_nodes.shape[1])
-    data.createVariable(f"mesh{suffix}", "i4").setncatts(
+    _container(
+        data,
+        f"mesh{suffix}",
         {
             "cf_role": "mesh_topology",
             "long_name": "cells of the exchange grid",
@@ -598,7 +575,7 @@ def _define_mesh(
             "face_coordinates": f"x{suffix} y{suffix}",
             "face_node_connectivity": f"face_nodes{suffix}",
             "face_dimension": cell,
-        }
+        },
     )
     faces = data.createVariable(
         f"face_nodes{suffix}", "i4", (cell, f"corner{suffix}"), fill_value=-1
@@ -666,7 +643,9 @@ def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
     known = [row.name for row in has]
     for name in names:
         if name not in known:
-            raise InputError(f"names = {name!r}: this model has no such field; {choose(name, known)}")
+            raise InputError(
+                f"names = {name!r}: this model has no such field; {choose(name, known)}"
+            )
     return [row for row in has if row.name in names]
 
 
@@ -892,9 +871,7 @@ def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return state, attributes
 
 
-def _flatten(
-    state: Mapping[str, Any], above: tuple[str, ...]
-) -> Iterator[tuple[str, Any]]:
+def _flatten(state: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     for name, value in state.items():
         if not isinstance(name, str) or not name or "/" in name:
             raise InputError(f"restart: key {name!r}: must be a text without '/'")

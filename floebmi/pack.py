@@ -232,8 +232,8 @@ def stiffest(
 ) -> Stiffest:
     """Bound on the highest frequency of the pack, from each floe's own stiffness sum (eq. stable-step).
 
-    All listed pairs count as contacts, and every floe as if it had at least one, so the bound holds until
-    the list is renewed.
+    All listed pairs count as contacts, so the bound holds until the list is renewed; and no floe counts
+    for less than one in a hexagonal pack without friction, so that a single collision is resolved as well.
     """
     if contact is None or not len(packed.number):
         return Stiffest(0.0, -1, 0.0)
@@ -294,7 +294,7 @@ def _stiffest(
         if w == 0.0:
             continue
         single = stiffness(law.elastic, place[k].h, place[k].h)
-        value = max(largest_eigenvalue(sums[k]), max(2.0 * single, 6.0 * ratio * single) * w)
+        value = max(largest_eigenvalue(sums[k]), 6.0 * max(1.0, ratio) * single * w)
         if value > highest:
             highest, which = value, k
         rate = max(rate, sums[k, 6], 2.0 * w * damping(law.dashpot, single, 2.0 * w))

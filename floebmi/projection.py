@@ -41,7 +41,7 @@ def _proj(projection: str):
             f"projection = {projection!r}: not a plane in metres; give a projected system such as"
             " 'EPSG:3413' or centred_projection(lon, lat)"
         )
-    return pyproj.Proj(crs)
+    return pyproj.Proj(crs, preserve_units=False)  # always metres
 
 
 def check_projection(projection: str) -> str:
@@ -123,7 +123,7 @@ def centred_projection(
 
     In the Lambert azimuthal equal-area plane cells have their true area everywhere (a standard polar
     stereographic plane is off by the map scale squared, 5 % at 79 N), and directions hold to
-    0.3 degrees up to 1000 km from the centre.
+    0.2 degrees up to 1000 km from the centre.
 
     Examples
     --------

@@ -1,18 +1,19 @@
 """Grid → floe and back: one set of weights reads the current and returns the force.
 
-Row k of the weights says which share of floe k belongs to which cell.  A floe's velocity is the weighted
-mean of the cells (`gather`); the force on the floe is given back to the cells by the same shares
-(`scatter`, the transpose).  Rows sum to one over *wet* cells, so momentum is conserved to round-off
-whatever the accuracy, and the work done by the fluid equals the work done on the floe:
+Row k of the weights says which share of floe k belongs to which cell.  A floe's velocity is the
+weighted mean of the cells (`gather`); the force on the floe is given back to the cells by the same
+shares (`scatter`, the transpose).  Rows sum to one over *wet* cells, so momentum is conserved to
+round-off whatever the accuracy, and the work done by the fluid equals the work done on the floe:
 
     Σ_k F_k · (W u)_k = Σ_c u_c · (Wᵀ F)_c                                    (eq. work-identity)
 
 How accurately the shares follow the floe's outline is a separate dial:
 
 "overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.
-"centre"   at the floe's centre only: bilinear between the four cell centres around it, without the dry
-           ones, on rectilinear grids; the cell that holds the centre, if wet, on the others, where four
-           neighbours in order need not exist.
+"centre"   at the floe's centre only: bilinear between the four cell centres around it, without the
+dry
+           ones, on rectilinear grids; the cell that holds the centre, if wet, on the others, where
+           four neighbours in order need not exist.
 
 A floe that finds no wet cell has an empty row: it reads 0, and what it gives back is undelivered.
 """
@@ -38,7 +39,8 @@ class Weights(NamedTuple):
     """Shares of floes in cells; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int64, a cell may occur twice in a row (a floe that reaches it from both sides of a seam)
+    cell : (m,) int64, a cell may occur twice in a row (a floe that reaches it from both sides of a
+        seam)
     weight : (m,) [1], each row sums to 1, or is empty: the floe finds no wet cell
     size : number of cells of the grid
     """
@@ -61,7 +63,7 @@ def images(low, high, reach, x, period):
 
 
 @jit
-def _append(cell, value, m, c, amount):
+def append(cell, value, m, c, amount):
     """Put an entry at place m; the arrays double when they are full."""
     if m == cell.size:
         more_cell = np.empty(2 * m + 64, np.int64)
@@ -122,7 +124,7 @@ def _overlap_rectangles(
                         else:
                             amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
                         if amount > least:
-                            cell, area = _append(cell, area, m, (j - 1) * nx + i, amount)
+                            cell, area = append(cell, area, m, (j - 1) * nx + i, amount)
                             m += 1
                     below, above = above, below
         start[k + 1] = m
@@ -167,7 +169,7 @@ def _overlap_polygons(
                             n = corners[c]
                             amount = disc_polygon(corner_x[c, :n], corner_y[c, :n], cx, cy, r)
                             if amount > least:
-                                cell, area = _append(cell, area, m, c, amount)
+                                cell, area = append(cell, area, m, c, amount)
                                 m += 1
         start[k + 1] = m
     return start, cell[:m], area[:m]
@@ -287,7 +289,8 @@ def check_floes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres and radii [m] as float64 arrays of one shape (n,), finite, the radii positive."""
     x, y, radius = (
-        np.ascontiguousarray(a, np.float64) for a in np.broadcast_arrays(np.atleast_1d(x), y, radius)
+        np.ascontiguousarray(a, np.float64) for a in np.broadcast_arrays(np.atleast_1d(x), y,
+        radius)
     )
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
@@ -351,9 +354,10 @@ def floe_weights(
     ----------
     x, y : (n,) floe centres [m], in the grid's plane; inside one period or not
     radius : (n,) [m]
-    accuracy : "overlap", exact areas of the discs; or "centre", the cells around the centre (see above)
-    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic; a floe across the seam
-        belongs to cells at both ends.  The grid may not be wider than a period.
+    accuracy : "overlap", exact areas of the discs; or "centre", the cells around the centre (see
+        above)
+    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic; a floe across the
+        seam belongs to cells at both ends.  The grid may not be wider than a period.
 
     Raises
     ------

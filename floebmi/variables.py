@@ -194,7 +194,7 @@ _STATE = (
         "sea_ice_floe__count",
         None,
         "1",
-        "number of floes with their centre in the cell",
+        "number of floes, each shared out among cells by its area",
         mean="area: sum time: point",
     ),
     Variable(
@@ -202,7 +202,7 @@ _STATE = (
         "sea_ice_floe__mean_of_radius",
         None,
         "m",
-        "mean radius of the floes",
+        "radius, mean over the floes",
         needs_ice=True,
         mean="area: mean (over floes) time: point",
     ),

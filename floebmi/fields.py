@@ -1,0 +1,376 @@
+"""Variables of CF files: found, given their dimensions' meaning, and read piece by piece.
+
+A variable is found by the name that the user gave, else by its CF standard_name, else by a short
+well-known name; two that fit, or none, is an error that lists what is there.  Nothing is read until
+`Field.read` asks for a box of one record.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from floebmi.errors import InputError, choose
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    Source = str | os.PathLike | xr.Dataset | Sequence[str | os.PathLike | xr.Dataset]
+
+
+class File(NamedTuple):
+    """An opened data set and what errors call it."""
+
+    label: str
+    data: xr.Dataset
+
+
+class Box(NamedTuple):
+    """A block of a source's points, rows × columns."""
+
+    rows: slice
+    columns: slice
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
+
+
+class Field(NamedTuple):
+    """A variable with the meaning of its dimensions.
+
+    rows, columns : the horizontal dimensions, None if the variable is a series at one point
+    time : the dimension of time, or None
+    fixed : index along every other dimension (level, ensemble member …)
+    """
+
+    file: File
+    array: xr.DataArray
+    rows: str | None
+    columns: str | None
+    time: str | None
+    fixed: dict[str, int]
+
+    @property
+    def name(self) -> str:
+        return str(self.array.name)
+
+    @property
+    def label(self) -> str:
+        return f"{self.file.label}: {self.name}"
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        return tuple(d for d in (self.rows, self.columns) if d is not None)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Sizes along rows and columns, (1, 1) for a point."""
+        return tuple(self.array.sizes[d] for d in self.dims) if self.dims else (1, 1)
+
+    def read(self, record: int, box: Box) -> np.ndarray:
+        """The values of one record in a box, float64, as they stand in the file (fill values: NaN)."""
+        index = dict(self.fixed)
+        if self.time is not None:
+            index[self.time] = record
+        if self.rows is None:
+            return np.asarray(self.array.isel(index).values, float).reshape(1, 1)
+        index |= {self.rows: box.rows, self.columns: box.columns}
+        piece = self.array.isel(index).transpose(self.rows, self.columns)
+        return np.asarray(piece.values, float)
+
+
+# ---------------------------------------------------------------------------------------------- files
+
+
+def open_files(path: Source) -> list[File]:
+    """Open NetCDF files or Zarr stores for lazy reading; data sets that are open already pass through.
+
+    Raises
+    ------
+    InputError
+        for a file that is not there or not readable.
+    """
+    import xarray as xr
+
+    if isinstance(path, (str, os.PathLike, xr.Dataset)):
+        path = [path]
+    return [_open(one) for one in path]
+
+
+def _open(path: str | os.PathLike | xr.Dataset) -> File:
+    import xarray as xr
+
+    if isinstance(path, xr.Dataset):
+        return File(Path(str(path.encoding.get("source", "data set"))).name, path)
+    path = Path(path)
+    if not path.exists():
+        near = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
+        hint = choose(path.name, near).rpartition("; ")[2] if near else ""
+        raise InputError(
+            f"{path}: no such file" + (f"; {hint}" if hint.startswith("did you") else "")
+        )
+    zarr = path.is_dir()
+    try:
+        data = xr.open_dataset(
+            path, engine="zarr" if zarr else None, cache=False, decode_timedelta=False
+        )
+    except Exception as error:  # each engine has its own kinds
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        if zarr and "unrecognized engine" in reason:
+            reason = "reading Zarr needs the package zarr (python -m pip install zarr)"
+        raise InputError(f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}") from error
+    return File(path.name, data)
+
+
+# ---------------------------------------------------------------------------------------------- names
+
+
+class Wanted(NamedTuple):
+    """How variables that belong together are recognised, the first that fits taken.
+
+    Each row of `standard` (standard names) and `short` (names) holds one name for each variable, and last a
+    word about them, or None.
+    """
+
+    what: str
+    standard: tuple[tuple[str | None, ...], ...]
+    short: tuple[tuple[str | None, ...], ...]
+
+
+class Found(NamedTuple):
+    """Variables, the word about them (None: nothing known), and how they were found."""
+
+    variables: tuple[tuple[File, str], ...]
+    word: str | None
+    how: str
+
+
+def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option: str) -> Found:
+    """Find the variables: by `given` names, else by standard_name, else by short names.
+
+    Raises
+    ------
+    InputError
+        if there are none or more than one; the line lists the candidates and names `option`.
+    """
+    where = ", ".join(f.label for f in files)
+    if given is not None:
+        variables = tuple(_named(files, name, where, option) for name in given)
+        standard = tuple(f.data[name].attrs.get("standard_name") for f, name in variables)
+        word = next((r[-1] for r in wanted.standard if r[:-1] == standard), None)
+        word = word or next((r[-1] for r in wanted.short if r[:-1] == tuple(given)), None)
+        return Found(variables, word, "as told")
+    for row in wanted.standard:
+        hits = [_with_standard_name(files, name) for name in row[:-1]]
+        if max(map(len, hits)) > 1 and all(hits):
+            several = ", ".join(name for hit in hits for _, name in hit)
+            raise InputError(
+                f"{where}: {several} all have standard_name {' or '.join(map(str, row[:-1]))}:"
+                f" choose with {option}"
+            )
+        if all(hits):
+            return Found(tuple(hit[0] for hit in hits), row[-1], f"standard_name {row[0]}")
+    rows = [r for r in wanted.short if all(_holding(files, n) for n in r[:-1])]
+    if len(rows) > 1:
+        several = " or ".join(", ".join(map(str, r[:-1])) for r in rows)
+        raise InputError(f"{where}: {several} could be the {wanted.what}: choose with {option}")
+    if rows:
+        variables = tuple((_holding(files, n)[0], n) for n in rows[0][:-1])
+        return Found(variables, rows[0][-1], "well-known name")
+    have = ", ".join(_describe(f, n) for f in files for n in f.data.data_vars if f.data[n].ndim)
+    raise InputError(
+        f"{where}: no {wanted.what} found by standard_name or well-known name; name it with"
+        f" {option}; variables: {have or 'none'}"
+    )
+
+
+def _named(files: list[File], name: str, where: str, option: str) -> tuple[File, str]:
+    holding = _holding(files, name)
+    if not holding:
+        names = {str(n) for f in files for n in f.data.data_vars}
+        raise InputError(f"{where}: {option} names {name!r}, not in the file; {choose(name, names)}")
+    return holding[0], name
+
+
+def _holding(files: list[File], name: str) -> list[File]:
+    return [f for f in files if name in f.data.variables]
+
+
+def _with_standard_name(files: list[File], standard: str) -> list[tuple[File, str]]:
+    return [
+        (f, str(name))
+        for f in files
+        for name, a in f.data.data_vars.items()
+        if a.attrs.get("standard_name") == standard
+    ]
+
+
+def _describe(file: File, name: str) -> str:
+    attrs = file.data[name].attrs
+    more = [str(attrs[k]) for k in ("standard_name", "units") if attrs.get(k)]
+    return f"{name} ({', '.join(more)})" if more else str(name)
+
+
+# ----------------------------------------------------------------------------------------- dimensions
+
+_LON = {"lon", "longitude", "nav_lon", "lon_rho", "glamt", "xc", "geolon", "tlong", "tlon", "xt_ocean"}
+_LAT = {"lat", "latitude", "nav_lat", "lat_rho", "gphit", "yc", "geolat", "tlat", "yt_ocean"}
+_TIME = {"time", "ocean_time", "time_counter", "t", "date", "valid_time", "mt"}
+_VERTICAL = {
+    "depth", "z", "lev", "level", "deptht", "depthu", "depthv", "s_rho", "height", "height0",
+    "height1", "height2", "zc", "st_ocean", "z_t", "nav_lev",
+}  # fmt: skip
+_EAST = {"degrees_east", "degree_east", "degree_e", "degrees_e", "degreee", "degreese"}
+_NORTH = {"degrees_north", "degree_north", "degree_n", "degrees_n", "degreen", "degreesn"}
+
+
+def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
+    """What a coordinate is: "lon", "lat", "x", "y", "time", "vertical", or None."""
+    attrs, low = variable.attrs, str(name).lower()
+    standard, axis = attrs.get("standard_name", ""), attrs.get("axis", "")
+    units = str(attrs.get("units", "")).lower()
+    if standard in ("grid_longitude", "grid_latitude"):  # a rotated pole's own degrees
+        return None
+    if standard == "longitude" or units in _EAST or (low in _LON and units[:3] in ("", "deg")):
+        return "lon"
+    if standard == "latitude" or units in _NORTH or (low in _LAT and units[:3] in ("", "deg")):
+        return "lat"
+    if standard == "time" or axis == "T" or variable.dtype.kind == "M" or low in _TIME:
+        return "time"
+    if axis == "Z" or "positive" in attrs or low in _VERTICAL or standard in ("depth", "height"):
+        return "vertical"
+    plain = not units or units in _LENGTHS
+    if standard == "projection_x_coordinate" or (plain and (axis == "X" or low == "x")):
+        return "x"
+    if standard == "projection_y_coordinate" or (plain and (axis == "Y" or low == "y")):
+        return "y"
+    return None
+
+
+def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
+    """The variable that says what the points along a dimension are, or None."""
+    if dim in file.data.variables:
+        return dim, file.data[dim]
+    for name, variable in file.data.variables.items():
+        if variable.dims == (dim,) and role(name, variable):
+            return str(name), file.data[name]
+    return None
+
+
+def field(
+    file: File, name: str, depth: float = 0.0, select: dict[str, int] | None = None
+) -> Field:
+    """Give each dimension of a variable its meaning, and choose the level nearest to `depth` [m].
+
+    Raises
+    ------
+    InputError
+        for a dimension of unknown meaning (choose an index with `select`), or an unstructured mesh.
+    """
+    array, select = file.data[name], dict(select or {})
+    sizes = {str(d): n for d, n in array.sizes.items()}
+    where = f"{file.label}: {name}({', '.join(sizes)})"
+    for dim, index in select.items():
+        if dim in sizes and not -sizes[dim] <= index < sizes[dim]:
+            raise InputError(f"{where}: select {dim} = {index}: it has {sizes[dim]} entries")
+    fixed = {d: i for d, i in select.items() if d in sizes}
+    roles = {}
+    for dim in sizes:
+        found = coordinate(file, dim)
+        by_name = {"time"} if dim.lower() in _TIME else set()
+        roles[dim] = role(*found) if found else next(iter(by_name), None)
+    time = next((d for d in sizes if roles[d] == "time" and d not in fixed), None)
+    for dim in sizes:
+        if roles[dim] == "vertical" and dim not in fixed:
+            fixed[dim] = _level(file, dim, depth, where)
+    rest = [d for d in sizes if d not in fixed and d != time]
+    if len(rest) != 2:
+        fixed |= {d: 0 for d in rest if sizes[d] == 1 and roles[d] is None}
+        rest = [d for d in rest if d not in fixed]
+    if len(rest) == 1 and sizes[rest[0]] == 1:
+        fixed[rest.pop()] = 0
+    if len(rest) == 1:
+        raise InputError(
+            f"{where}: one horizontal dimension, {rest[0]!r} of {sizes[rest[0]]}: meshes and"
+            " trajectories are not read; interpolate to rows and columns first"
+        )
+    if len(rest) > 2:
+        raise InputError(f"{where}: which of {', '.join(rest)} is meant? choose with select")
+    if rest and roles[rest[0]] in ("lon", "x") and roles[rest[1]] in ("lat", "y"):
+        rest.reverse()
+    rows, columns = rest or (None, None)
+    return Field(file, array, rows, columns, time, fixed)
+
+
+def _level(file: File, dim: str, depth: float, where: str) -> int:
+    found = coordinate(file, dim)
+    if file.data.sizes[dim] == 1:
+        return 0
+    if found is None or found[1].dims != (dim,):
+        raise InputError(f"{where}: levels {dim!r} have no depths: choose with select")
+    name, levels = found
+    scale = _LENGTHS.get(str(levels.attrs.get("units", "")).lower().strip())
+    if scale is None and depth != 0:
+        raise InputError(
+            f"{where}: depth = {depth:g} m, but levels {name!r} are not in metres: choose with select"
+        )
+    return int(np.argmin(np.abs(np.abs(levels.values.astype(float)) * (scale or 1.0) - depth)))
+
+
+# ---------------------------------------------------------------------------------------------- units
+
+_LENGTHS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("km", "kilometer", "kilometers", "kilometre", "kilometres"), 1000.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 0.01),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 0.001),
+}
+_DURATIONS = {
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+_KNOTS = {"kt", "kts", "kn", "knot", "knots"}
+_FRACTIONS = {"": 1.0, "1": 1.0, "fraction": 1.0, "%": 0.01, "percent": 0.01, "1e-2": 0.01}
+
+
+def _words(units: object) -> str:
+    return " ".join(str(units if units is not None else "").strip().lower().split())
+
+
+def velocity_factor(units: str | None, where: str) -> float:
+    """Factor from `units` to m s-1: any length per time ("m s-1", "cm/s", "km h**-1"), or knots."""
+    text = _words(units)
+    if text in _KNOTS:
+        return 1852.0 / 3600.0
+    match = re.fullmatch(r"([a-z]+) ?(?:/|per) ?([a-z]+)", text)
+    match = match or re.fullmatch(r"([a-z]+)[ .*]*([a-z]+) ?(?:\^|\*\*)? ?\(?-1\)?", text)
+    if match and match[1] in _LENGTHS and match[2] in _DURATIONS:
+        return _LENGTHS[match[1]] / _DURATIONS[match[2]]
+    raise InputError(_unknown(units, where, "a velocity: m s-1, cm s-1, km h-1, knots"))
+
+
+def length_factor(units: str | None, where: str) -> float:
+    """Factor from `units` to m."""
+    if _words(units) not in _LENGTHS:
+        raise InputError(_unknown(units, where, "a length: m, km, cm"))
+    return _LENGTHS[_words(units)]
+
+
+def fraction_factor(units: str | None, where: str) -> float:
+    """Factor from `units` to 1; no units at all is 1."""
+    if _words(units) not in _FRACTIONS:
+        raise InputError(_unknown(units, where, "a fraction: 1 or %"))
+    return _FRACTIONS[_words(units)]
+
+
+def _unknown(units: str | None, where: str, right: str) -> str:
+    said = "it has no units" if units is None else f"units = {units!r}"
+    return f"{where}: {said}; must be {right} (say which with units)"

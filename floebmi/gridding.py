@@ -1,0 +1,401 @@
+"""Floes → grid: what a host or a file sees of the floes, cell by cell, with nothing lost.
+
+Everything starts from the exact area of each disc in each cell (`coverage`).  Extensive quantities
+are shared out by area; means are weighted by what they are means of: thickness by ice area,
+velocity by mass, radius and coordination number by floes.  What lies outside the grid is counted,
+not forgotten:
+
+    Σ_k π r_k² = Σ_wet A c + Σ_wet A (overlap) + Σ_dry ice area + Σ_k outside_k    (eq. area-budget)
+
+Dry cells keep the ice that lies on them (a coast is made of floes); masking them is the writer's
+choice.
+
+Internal stress.  A contact pushes floe i with force f, the branch d leads from the centre of i to
+that of j.  Spread evenly along its branch, it makes a stress that is negative in compression,
+
+    σ(x) = Σ_contacts f ⊗ d ∫₀¹ δ(x − x_i − s d) ds                            (eq. internal-stress)
+
+whose mean over a cell needs the length of each branch in the cell, and no more; Σ_c σ A is the
+virial Σ f ⊗ d, exactly.  Integrating the divergence along the branch leaves its two ends,
+
+    ∇·σ = Σ_contacts f [δ(x − x_i) − δ(x − x_j)] = Σ_floes F_k δ(x − x_k)    (eq. stress-divergence)
+
+F_k being the net contact force on floe k.  So the divergence needs no differences between cells: it
+is the net contact forces, shared out by the same weights as every other force, on any kind of grid,
+and its sum over the grid is the sum of the F_k to round-off.  (Differences of σ between cells of a
+few floes would be noise of order σ / cell size, where the force on a floe at rest is a small
+remainder.)
+
+I. Goldhirsch, Granular Matter 12, 239 (2010), doi:10.1007/s10035-010-0181-z.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.errors import InputError
+from floebmi.geometry import cut
+from floebmi.grid import Grid, bin_of, find_cell
+from floebmi.kernels import jit
+from floebmi.sampling import (
+    Period,
+    Weights,
+    append,
+    check_floes,
+    check_period,
+    images,
+    overlap_areas,
+    scatter,
+)
+
+
+class Coverage(NamedTuple):
+    """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
+
+    start : (n + 1,) int64
+    cell : (m,) int64, a cell may occur twice in a row (a floe that reaches it from both sides of a
+        seam)
+    area : (m,) area of the floe in the cell [m²]
+    size : number of cells of the grid
+    outside : (n,) area of each floe outside the grid [m²]
+    """
+
+    start: np.ndarray
+    cell: np.ndarray
+    area: np.ndarray
+    size: int
+    outside: np.ndarray
+
+
+class AreaBudget(NamedTuple):
+    """Where the area of the floes is [m²]; the parts add up to Σ π r² (eq. area-budget).
+
+    wet : in wet cells, as the area fraction shows it
+    overlap : in wet cells, beyond an area fraction of 1
+    dry : in dry cells
+    outside : outside the grid
+    """
+
+    wet: float
+    overlap: float
+    dry: float
+    outside: float
+
+
+class InternalStress(NamedTuple):
+    """Internal stress, summed over the thickness: xx, xy, yy (size,) [N/m], negative in
+    compression.
+
+    xy is the symmetric part, ½ (f_x d_y + f_y d_x); the other part is the couple of friction, which
+    the spin of the floes takes up.
+    outside : (3,) virial xx, xy, yy of the parts of branches outside the grid [N m]
+    """
+
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+    outside: np.ndarray
+
+
+def coverage(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray | float,
+    period: Period = (None, None),
+) -> Coverage:
+    """Exact area of each floe in each cell, wet or dry, and outside the grid.
+
+    Parameters
+    ----------
+    x, y : (n,) floe centres [m]
+    radius : (n,) [m]
+    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
+
+    Raises
+    ------
+    InputError
+        for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
+    """
+    x, y, radius = check_floes(x, y, radius)
+    start, cell, area = overlap_areas(grid, x, y, radius, np.ones(grid.size, bool), period)
+    inside = np.bincount(_floe(start), weights=area, minlength=radius.size)
+    outside = np.pi * radius**2 - inside
+    outside[np.abs(outside) <= 1e-13 * inside] = 0.0  # round-off of a floe that lies inside
+    return Coverage(start, cell, area, grid.size, outside)
+
+
+def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
+    """Where the area of the floes is: wet cells, overlap, dry cells, outside the grid [m²]."""
+    _check_grid(grid, coverage.size)
+    ice = np.bincount(coverage.cell, weights=coverage.area, minlength=grid.size)
+    shown = np.minimum(ice, grid.area)
+    return AreaBudget(
+        wet=float(shown[grid.wet].sum()),
+        overlap=float((ice - shown)[grid.wet].sum()),
+        dry=float(ice[~grid.wet].sum()),
+        outside=float(coverage.outside.sum()),
+    )
+
+
+def cell_fields(
+    grid: Grid,
+    coverage: Coverage,
+    thickness: np.ndarray | float,
+    u: np.ndarray | float,
+    v: np.ndarray | float,
+    radius: np.ndarray | float,
+    density: float,
+    coordination: np.ndarray | None = None,
+    fill: float = 0.0,
+) -> dict[str, np.ndarray]:
+    """The floes as fields on the grid, one value per cell.
+
+    Parameters
+    ----------
+    coverage : of the same floes on this grid
+    thickness, u, v, radius : (n,) floe thickness [m], velocity [m/s], radius [m]
+    density : of ice [kg/m³]
+    coordination : (n,) number of contacts of each floe
+    fill : what means show where there is no ice: 0 in memory, NaN in files
+
+    Returns
+    -------
+    dict of (size,) arrays, by the names of `floebmi.variables`:
+    area_fraction [1] at most 1; overlap_fraction [1] what is beyond 1; thickness [m] mean over the
+    ice; mass_per_area [kg/m²] of the cell; ice_velocity_x, ice_velocity_y [m/s] mean by mass;
+    floe_count [1] sum of the shares of floes by area, so that the grid's sum is the number of floes
+    in it; mean_radius [m] and coordination_number [1] (if given), means over those shares.
+
+    Raises
+    ------
+    InputError
+        for arrays of a wrong size.
+    """
+    _check_grid(grid, coverage.size)
+    n = coverage.start.size - 1
+    h, u, v, r = (
+        _per_floe(name, values, n)
+        for name, values in (("thickness", thickness), ("u", u), ("v", v), ("radius", radius))
+    )
+    floe = _floe(coverage.start)
+
+    def total(per_area: np.ndarray) -> np.ndarray:
+        shares = coverage.area * per_area[floe]
+        return np.bincount(coverage.cell, weights=shares, minlength=grid.size)
+
+    def mean(sum_: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        return np.divide(sum_, weight, out=np.full(grid.size, fill), where=weight > 0)
+
+    number = 1.0 / (np.pi * r**2)
+    ice, volume, count = total(np.ones(n)), total(h), total(number)
+    fraction = np.minimum(ice / grid.area, 1.0)
+    fields = {
+        "area_fraction": fraction,
+        "overlap_fraction": ice / grid.area - fraction,
+        "thickness": mean(volume, ice),
+        "mass_per_area": density * volume / grid.area,
+        "ice_velocity_x": mean(total(h * u), volume),
+        "ice_velocity_y": mean(total(h * v), volume),
+        "floe_count": count,
+        "mean_radius": mean(total(number * r), count),
+    }
+    if coordination is not None:
+        contacts = _per_floe("coordination", coordination, n)
+        fields["coordination_number"] = mean(total(number * contacts), count)
+    return fields
+
+
+@jit
+def _insert(cuts, n, t):
+    """Put t into its place among the first n cuts, which are in order; the array doubles when full."""
+    if n == cuts.size:
+        longer = np.empty(2 * n)
+        for e in range(n):
+            longer[e] = cuts[e]
+        cuts = longer
+    while n > 0 and cuts[n - 1] > t:
+        cuts[n] = cuts[n - 1]
+        n -= 1
+    cuts[n] = t
+    return cuts
+
+
+@jit
+def _branch_shares(
+    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, corners, bounds,
+    x, y, dx, dy, period_x, period_y,
+):  # fmt: skip
+    """Share of each branch in the cells that it crosses: start, cell, share.
+
+    A piece between two cuts belongs to the cell that holds its middle, so a piece along an edge
+    counts once, and the pieces add up to the branch.
+    """
+    start = np.zeros(x.size + 1, np.int64)
+    cell = np.empty(4 * x.size, np.int64)
+    share = np.empty(4 * x.size, np.float64)
+    cuts = np.empty(64)
+    m = 0
+    for k in range(x.size):
+        half_x, half_y = 0.5 * abs(dx[k]), 0.5 * abs(dy[k])
+        first_x, last_x = images(bounds[0], bounds[1], half_x, x[k] + 0.5 * dx[k], period_x)
+        first_y, last_y = images(bounds[2], bounds[3], half_y, y[k] + 0.5 * dy[k], period_y)
+        for image_y in range(first_y, last_y + 1):
+            py = y[k] + image_y * period_y
+            south, north = min(py, py + dy[k]), max(py, py + dy[k])
+            by0 = bin_of(south, origin[1], scale[1], raster[1])
+            by1 = bin_of(north, origin[1], scale[1], raster[1])
+            for image_x in range(first_x, last_x + 1):
+                px = x[k] + image_x * period_x
+                west, east = min(px, px + dx[k]), max(px, px + dx[k])
+                bx0 = bin_of(west, origin[0], scale[0], raster[0])
+                bx1 = bin_of(east, origin[0], scale[0], raster[0])
+                cuts[0] = 1.0
+                n = 1
+                for by in range(by0, by1 + 1):
+                    for bx in range(bx0, bx1 + 1):
+                        b = by * raster[0] + bx
+                        for e in range(bin_start[b], bin_start[b + 1]):
+                            c = bin_cell[e]
+                            # A cell reaches several bins; it counts in the first one visited.
+                            if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
+                                continue
+                            if box[c, 0] > east or box[c, 1] < west:
+                                continue
+                            if box[c, 2] > north or box[c, 3] < south:
+                                continue
+                            last = corners[c] - 1
+                            for corner in range(corners[c]):
+                                t = cut(
+                                    px, py, dx[k], dy[k],
+                                    corner_x[c, last], corner_y[c, last],
+                                    corner_x[c, corner], corner_y[c, corner],
+                                )  # fmt: skip
+                                if t > 0.0:
+                                    cuts = _insert(cuts, n, t)
+                                    n += 1
+                                last = corner
+                begin = 0.0
+                for e in range(n):
+                    if cuts[e] > begin:
+                        middle = 0.5 * (begin + cuts[e])
+                        c = find_cell(
+                            px + middle * dx[k], py + middle * dy[k], origin, scale,
+                            bin_start, bin_cell, box, raster, corner_x, corner_y, corners,
+                        )  # fmt: skip
+                        if c >= 0:
+                            cell, share = append(cell, share, m, c, cuts[e] - begin)
+                            m += 1
+                        begin = cuts[e]
+        start[k + 1] = m
+    return start, cell[:m], share[:m]
+
+
+def internal_stress(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    dx: np.ndarray,
+    dy: np.ndarray,
+    fx: np.ndarray,
+    fy: np.ndarray,
+    period: Period = (None, None),
+) -> InternalStress:
+    """Stress of contact forces, spread along the branches over the cells that they cross.
+
+    Parameters
+    ----------
+    x, y : (contacts,) where branches begin: the *centre of floe i* [m]
+    dx, dy : (contacts,) branch: centre of j − centre of i [m]; for a wall, contact point − centre
+    of i fx, fy : (contacts,) contact force on floe i [N]; it points away from j in compression
+    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
+
+    Returns
+    -------
+    InternalStress : Σ_c σ A + outside = Σ f ⊗ d (symmetric part), exactly (eq. internal-stress)
+
+    Raises
+    ------
+    InputError
+        for arrays of different sizes, values that are not finite, a period shorter than the grid.
+    """
+    names = ("x", "y", "dx", "dy", "fx", "fy")
+    arrays = [np.ascontiguousarray(a, np.float64) for a in (x, y, dx, dy, fx, fy)]
+    for name, values in zip(names, arrays, strict=True):
+        if values.shape != arrays[0].shape or values.ndim != 1:
+            raise InputError(f"{name} has shape {values.shape}: must be {arrays[0].shape}, as x")
+        for k in np.flatnonzero(~np.isfinite(values)):
+            raise InputError(f"contact {k}: {name} = {values[k]}: must be finite")
+    x, y, dx, dy, fx, fy = arrays
+    start, cell, share = _branch_shares(
+        *grid.bins, grid.corner_x, grid.corner_y, grid.corners, grid.bounds,
+        x, y, dx, dy, *check_period(grid, period),
+    )  # fmt: skip
+    contact = _floe(start)
+    outside_share = 1.0 - np.bincount(contact, weights=share, minlength=x.size)
+    outside_share[np.abs(outside_share) <= 1e-13] = 0.0  # round-off of a branch that lies inside
+    stress, outside = [], []
+    for virial in (fx * dx, 0.5 * (fx * dy + fy * dx), fy * dy):
+        spread = np.bincount(cell, weights=share * virial[contact], minlength=grid.size)
+        stress.append(spread / grid.area)
+        outside.append(float((outside_share * virial).sum()))
+    return InternalStress(*stress, np.array(outside))
+
+
+def divergence(
+    grid: Grid, weights: Weights, force_x: np.ndarray, force_y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Divergence of the internal stress: force on the ice per cell area (eq. stress-divergence).
+
+    It is the alternative to the ice-ocean stress that some hosts want, never to be added to it.
+
+    Parameters
+    ----------
+    weights : of the floes on this grid, those that share out all other forces
+    force_x, force_y : (n,) net contact force on each floe, walls included [N]
+
+    Returns
+    -------
+    (size,), (size,) [N/m²], positive accelerates the ice along +x, +y; Σ_c A div = Σ force over the
+    floes whose row of weights is not empty
+
+    Raises
+    ------
+    InputError
+        for arrays of a wrong size.
+    """
+    _check_grid(grid, weights.size)
+    result = np.zeros(grid.size), np.zeros(grid.size)
+    for force, out in zip((force_x, force_y), result, strict=True):
+        scatter(weights, force, out)
+        out /= grid.area
+    return result
+
+
+def pressure(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
+    """Internal pressure −(σ_xx + σ_yy)/2 [N/m], positive in compression."""
+    return -0.5 * (xx + yy)
+
+
+def maximum_shear(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> np.ndarray:
+    """Largest shear stress over all directions, √(((σ_xx − σ_yy)/2)² + σ_xy²) [N/m]."""
+    return np.hypot(0.5 * (xx - yy), xy)
+
+
+def _floe(start: np.ndarray) -> np.ndarray:
+    """The row of each entry."""
+    return np.repeat(np.arange(start.size - 1), np.diff(start))
+
+
+def _per_floe(name: str, values: np.ndarray | float, n: int) -> np.ndarray:
+    array = np.asarray(values, np.float64)
+    if array.ndim and array.shape != (n,):
+        raise InputError(f"{name} has shape {array.shape}: must be ({n},), one per floe")
+    return np.broadcast_to(array, (n,))
+
+
+def _check_grid(grid: Grid, size: int) -> None:
+    if size != grid.size:
+        raise InputError(f"grid has {grid.size} cells, the shares of the floes are for {size}")

@@ -1,0 +1,698 @@
+"""The model: floes, laws, and the fluids around them.
+
+    floes = scatter(domain, PowerLaw(200, 1500), concentration=0.6, seed=1)
+    model = Model(domain, floes, contact=frictional(), forces=[OceanDrag(), AirDrag()], grid=grid)
+    model.atmosphere.u[:] = 10.0
+    model.advance(600.0)
+
+`advance` is one exchange interval: the fluids are sampled at the floes, the floes take as many steps as
+their contacts need, and the impulse that each fluid gave to them is taken out of the cells it was read
+from.  A host, a forcing file and a constant wind all work through the same arrays, so a coupled and a forced
+run cannot differ.
+
+What the scene does not list does not exist: a model without a wind has no `atmosphere`, one without
+friction has no angles.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from floebmi import __version__
+from floebmi.advance import Advance, Counters, State
+from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
+from floebmi.budgets import Ledger
+from floebmi.contact import Contact, prepare
+from floebmi.dynamics import Step
+from floebmi.errors import InputError, choose
+from floebmi.floes import LAND, Floes
+from floebmi.forces import (
+    AirDrag,
+    AtFloes,
+    BodyForce,
+    Coriolis,
+    CoriolisField,
+    Force,
+    OceanDrag,
+    Tilt,
+    at_floes,
+    bulk_coefficient,
+)
+from floebmi.grid import Grid
+from floebmi.gridding import (
+    Coverage,
+    cell_fields,
+    coverage,
+    divergence,
+    internal_stress,
+    maximum_shear,
+    pressure,
+)
+from floebmi.pack import Contacts, PairList, look, remembered
+from floebmi.packing import overlapping
+from floebmi.quantities import check
+from floebmi.sampling import Weights, floe_weights, gather, scatter, without_cell
+from floebmi.vorticity import Vorticity
+
+OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
+
+
+class Fluid:
+    """Ocean or atmosphere as the ice sees it, on a grid; all arrays are flat and written in place.
+
+    Attributes
+    ----------
+    grid : Grid
+    u, v : velocity at the cells' centres along x and y [m/s], set by a host or a forcing
+    tilt_x, tilt_y : slope of the sea surface [1], or None
+    coriolis : Coriolis parameter [1/s], or None
+    impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
+    last_x, last_y : the part of it from the last exchange [N s]
+    magnitude : ∫ |stress| dt over the last exchange, per cell [N s/m²]
+    coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]
+    undelivered : impulse (x, y) that found no wet cell [N s]
+    """
+
+    def __init__(self, grid: Grid, tilt: bool = False, coriolis: bool = False) -> None:
+        def zeros() -> np.ndarray:
+            return np.zeros(grid.size)
+
+        self.grid = grid
+        self.u, self.v = zeros(), zeros()
+        self.tilt_x, self.tilt_y = (zeros(), zeros()) if tilt else (None, None)
+        self.coriolis = zeros() if coriolis else None
+        self.impulse_x, self.impulse_y = zeros(), zeros()
+        self.last_x, self.last_y = zeros(), zeros()
+        self.magnitude, self.coefficient = zeros(), zeros()
+        self.undelivered = np.zeros(2)
+        self._curl: Vorticity | None = None
+
+    def vorticity(self) -> np.ndarray:
+        """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
+        if self._curl is None:
+            self._curl = Vorticity(self.grid)
+        u, v = (np.where(self.grid.wet, values, 0.0) for values in (self.u, self.v))
+        return self._curl(u, v)
+
+
+class Model:
+    """Sea-ice floes that move under contact, drag and the other forces of a scene.
+
+    Parameters
+    ----------
+    domain : where floes live, and what its edges do
+    floes : the ice, and the coast if there is one; the model works on these arrays in place
+    contact : a contact law, or None for free drift
+    forces : laws of drag and other forces; their order does not matter
+    grid : exchange grid; needed with drag, tilt or a Coriolis field. Default: one cell on the domain
+    walls, inflow : see `boundaries`
+    step : how time is stepped
+    sampling : "overlap" (exact areas) or "centre" (the paper's bilinear) for floe-grid weights
+    ice_density : ρ_ice [kg/m³]
+    draft_fraction : D/h [1]
+    rotation : make floes rotate although no friction asks for it (torque of vorticity)
+    seed : of everything that is random while the model runs (inflow)
+    atmosphere_grid : grid of the wind, if it is another one
+
+    Raises
+    ------
+    InputError
+        one line, for whatever cannot be right.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        floes: Floes,
+        contact: Contact | None = None,
+        forces: Iterable[Force] = (),
+        grid: Grid | None = None,
+        walls: Sequence[Wall] = (),
+        inflow: Sequence[Inflow] | Inflow = (),
+        step: Step = Step(),
+        sampling: str = "overlap",
+        ice_density: float = 934.0,
+        draft_fraction: float = 0.9,
+        rotation: bool = False,
+        seed: int = 0,
+        atmosphere_grid: Grid | None = None,
+    ) -> None:
+        check_domain(domain)
+        self.domain, self.floes, self.contact = domain, floes, contact
+        self.forces = tuple(forces)
+        self.step, self.sampling = step, sampling
+        self.walls = tuple(walls)
+        self.inflow = (inflow,) if isinstance(inflow, Inflow) else tuple(inflow)
+        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
+        self.seed = seed
+        self.time = 0.0
+        self._check_laws()
+        if rotation or (contact is not None and contact.friction is not None):
+            floes.allow_rotation()
+        floes.check()
+        self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
+        kinds = {type(force) for force in self.forces}
+        self.ocean = self.atmosphere = None
+        if kinds & {OceanDrag, Tilt, CoriolisField}:
+            self.ocean = Fluid(self.grid, Tilt in kinds, CoriolisField in kinds)
+        if AirDrag in kinds:
+            self.atmosphere = Fluid(atmosphere_grid or self.grid)
+        modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
+        records = build_walls(domain, self.walls, floes, self.ice_density, modulus)
+        if contact is None and len(records):
+            raise InputError("walls and closed edges need a contact law: contact is None")
+        self._refuse_overlaps()
+        self._state = State(
+            records,
+            self._nothing_remembered(),
+            None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
+            np.random.Generator(np.random.PCG64(seed)),
+            tuple(Feeder(one, domain) for one in self.inflow),
+        )
+        self._coverage: tuple[np.ndarray, Coverage] | None = None
+        self._weights: dict[int, tuple[np.ndarray, Weights]] = {}
+        self._last_duration = 0.0
+        self._at = self._allocate()
+        now = self._now()
+        self._state.ledger.open(now.stock())
+        # floes that touch are frozen together from the start, where bonds are listed
+        self._state.memory = remembered(now.packed, now.pairs, len(floes))
+
+    # ---- checks ------------------------------------------------------------------------------------
+
+    def _check_laws(self) -> None:
+        known = (OceanDrag, AirDrag, Coriolis, CoriolisField, Tilt, BodyForce)
+        for force in self.forces:
+            if not isinstance(force, known):
+                names = ", ".join(kind.__name__ for kind in known)
+                raise InputError(f"forces: {force!r} is not a force; allowed: {names}")
+        names = [type(force).__name__ for force in self.forces]
+        for name in set(names):
+            if names.count(name) > 1:
+                raise InputError(f"forces: {name} is listed {names.count(name)} times; list it once")
+        if "Coriolis" in names and "CoriolisField" in names:
+            raise InputError("forces: Coriolis and CoriolisField exclude each other; list one")
+        if self.contact is not None and not isinstance(self.contact, Contact):
+            raise InputError(
+                f"contact = {self.contact!r}: must be a Contact, as frictional() or cohesive() make"
+            )
+        check(self.forces)
+        check(self.contact or ())
+        if self.step.scheme not in ("verlet", "taylor2", "taylor3"):
+            allowed = choose(self.step.scheme, ("verlet", "taylor2", "taylor3"))
+            raise InputError(f"step.scheme = {self.step.scheme!r}: {allowed}")
+        if self.step.epsilon is not None and self.step.length is not None:
+            raise InputError("step.epsilon and step.length exclude each other; give one")
+        check([self.step])
+        for name in ("ice_density", "draft_fraction"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} = {value!r}: must be greater than 0")
+        if self.draft_fraction > 1:
+            raise InputError(f"draft_fraction = {self.draft_fraction!r}: must be at most 1")
+
+    def _refuse_overlaps(self) -> None:
+        if self.contact is None or not len(self.floes):
+            return
+        worst = overlapping(self.floes, self.domain, allowed=OVERLAP_ALLOWED)
+        if len(worst):
+            shown = "; ".join(
+                f"floes {pair.i} and {pair.j} by {pair.overlap:.4g} m" for pair in worst[:3]
+            )
+            raise InputError(
+                f"floes overlap at the start by more than {OVERLAP_ALLOWED:g} of the smaller radius: "
+                f"{shown} ({len(worst)} pairs); move them apart, or call floebmi.relax(floes, domain)"
+            )
+
+    def _nothing_remembered(self) -> PairList:
+        n, c = len(self.floes), self.contact
+        none = np.zeros(0, np.uint32)
+        return PairList(
+            np.zeros(n + 1, np.int64),
+            none,
+            none,
+            np.zeros(0) if c is not None and c.friction is not None else None,
+            np.zeros(0) if c is not None and c.bonds is not None else None,
+        )
+
+    # ---- one exchange ------------------------------------------------------------------------------
+
+    def _allocate(self) -> tuple[AtFloes, ...]:
+        f = self.floes
+        draft = self.draft_fraction * f.thickness
+        return tuple(
+            at_floes(force, f.radius, f.thickness, draft, self.ice_density, f.rotation, f.land)
+            for force in self.forces
+        )
+
+    def _advance_object(self) -> Advance:
+        return Advance(
+            self.floes, self._state, self.domain, self.contact, self.forces, self._at, self.step,
+            self.ice_density, self.draft_fraction, self.time,
+        )  # fmt: skip
+
+    def _now(self) -> Advance:
+        """The packed floes with their contact forces, to look at; nothing is counted."""
+        advance = self._advance_object()
+        advance.start()
+        self._state.counters.rebuilds -= 1
+        return advance
+
+    def advance(self, duration: float) -> None:
+        """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
+
+        Raises
+        ------
+        InputError
+            for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it;
+            the model is then as before.
+        StabilityError
+            if floes leave what the step resolves.
+        """
+        if not (np.isfinite(duration) and duration >= 0):
+            raise InputError(f"advance: duration = {duration!r}; must be at least 0 s")
+        if duration == 0:
+            return
+        self._check_fluids()
+        self.floes.check()
+        self._state.memory = _fit(self._state.memory, len(self.floes))
+        if self._state.previous is not None and len(self._state.previous) < len(self.floes):
+            missing = len(self.floes) - len(self._state.previous)
+            self._state.previous = np.vstack([self._state.previous, np.zeros((missing, 3))])
+        self._at = self._allocate()
+        weights = self._sample()
+        known = len(self.floes)
+        advance = self._advance_object()
+        self._book_edits()
+        advance.run(duration)
+        self._at = tuple(advance.at)
+        self._give_back(weights, known, duration)
+        self._state.ledger.now = advance.stock()
+        self.time += duration
+        self._last_duration = duration
+
+    def _book_edits(self) -> None:
+        """What somebody changed in the floes between two exchanges is an account of its own."""
+        ledger, stock = self._state.ledger, self._now().stock()
+        change = stock - ledger.now
+        if (np.abs(change) > 1e-11 * np.maximum(np.abs(stock), np.abs(ledger.now))).any():
+            ledger.book("edits by the user", *change)
+
+    def _check_fluids(self) -> None:
+        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
+            if fluid is None:
+                continue
+            for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
+                values = getattr(fluid, name)
+                if values is None:
+                    continue
+                wrong = ~np.isfinite(values) & fluid.grid.wet
+                if wrong.any():
+                    cell = int(np.argmax(wrong))
+                    raise InputError(
+                        f"{what}.{name}: {values[cell]} in wet cell {cell} at t = {self.time:g} s; "
+                        "must be finite"
+                    )
+
+    def weights(self, grid: Grid) -> Weights:
+        """Floe-grid weights at the present places, on one of the model's grids."""
+        f = self.floes
+        key = np.concatenate([f.x, f.y, f.active.astype(float)])
+        kept = self._weights.get(id(grid))
+        if kept is None or not np.array_equal(kept[0], key):
+            weights = floe_weights(grid, f.x, f.y, f.radius, self.sampling, self.domain.period)
+            kept = key, weights
+            self._weights[id(grid)] = kept
+        return kept[1]
+
+    def _sample(self) -> dict[int, Weights]:
+        weights: dict[int, Weights] = {}
+        for force, at in zip(self.forces, self._at, strict=True):
+            fluid = self._fluid_of(force)
+            if fluid is None:
+                continue
+            grid = fluid.grid
+            if id(grid) not in weights:
+                weights[id(grid)] = self.weights(grid)
+            w = weights[id(grid)]
+            wet = grid.wet
+
+            def read(field: np.ndarray, out: np.ndarray, w: Weights = w, wet=wet) -> None:
+                gather(w, np.where(wet, field, 0.0), out)
+
+            if isinstance(force, Tilt):
+                read(fluid.tilt_x, at.u)
+                read(fluid.tilt_y, at.v)
+            elif isinstance(force, CoriolisField):
+                read(fluid.coriolis, at.rate)
+            else:
+                read(fluid.u, at.u)
+                read(fluid.v, at.v)
+                if at.spin is not None:
+                    read(0.5 * fluid.vorticity(), at.spin)
+                at.rate[without_cell(w)] = 0.0  # no water, no drag
+                if at.spin_rate is not None:
+                    at.spin_rate[without_cell(w)] = 0.0
+        return weights
+
+    def _fluid_of(self, force: Force) -> Fluid | None:
+        if isinstance(force, OceanDrag | Tilt | CoriolisField):
+            return self.ocean
+        return self.atmosphere if isinstance(force, AirDrag) else None
+
+    def _give_back(self, weights: dict[int, Weights], known: int, duration: float) -> None:
+        """Book the forces; the fluids get the opposite of the impulse that their drag gave."""
+        for force, at in zip(self.forces, self._at, strict=True):
+            booked = at.booked
+            name = _ACCOUNTS[type(force)]
+            self._state.ledger.book(
+                name, x=booked.x.sum(), y=booked.y.sum(), energy=booked.work.sum()
+            )
+            if not isinstance(force, OceanDrag | AirDrag):
+                continue
+            fluid, w = self._fluid_of(force), weights[id(self._fluid_of(force).grid)]
+            fluid.last_x[:] = 0.0
+            fluid.last_y[:] = 0.0
+            fluid.magnitude[:] = 0.0
+            fluid.coefficient[:] = 0.0
+            scatter(w, -booked.x[:known], fluid.last_x)
+            scatter(w, -booked.y[:known], fluid.last_y)
+            scatter(w, np.hypot(booked.x, booked.y)[:known], fluid.magnitude)
+            fluid.magnitude /= fluid.grid.area
+            f = self.floes
+            slip = np.hypot(at.u - f.u, at.v - f.v) * at.rate * f.mass(self.ice_density)
+            scatter(w, np.where(f.active, slip, 0.0)[:known], fluid.coefficient)
+            fluid.coefficient /= fluid.grid.area
+            fluid.impulse_x += fluid.last_x
+            fluid.impulse_y += fluid.last_y
+            lost = without_cell(w)
+            # a floe that came in during the interval has no weights yet
+            for axis, values in enumerate((booked.x, booked.y)):
+                fluid.undelivered[axis] -= values[:known][lost].sum() + values[known:].sum()
+
+    def step_by(self, steps: int) -> None:
+        """Advance by a number of the scene's own steps: for tests and teaching."""
+        length = self.longest_step()
+        if not np.isfinite(length):
+            raise InputError("step_by: nothing sets a step here; use advance(seconds)")
+        self.advance(steps * length)
+
+    # ---- to look at --------------------------------------------------------------------------------
+
+    @property
+    def ledger(self) -> Ledger:
+        """Where mass, momentum and energy of the ice came from and went."""
+        return self._state.ledger
+
+    @property
+    def counters(self) -> Counters:
+        """Steps, floe-steps, list renewals, pairs."""
+        return self._state.counters
+
+    @property
+    def wall_positions(self) -> np.ndarray:
+        """Coordinates of the walls along their normals [m]: listed walls first, then closed edges."""
+        return np.array(self._state.walls.position)
+
+    def wall_stress(self) -> np.ndarray:
+        """Normal stress of the ice on each wall now [Pa], positive presses, over its length × mean thickness."""
+        self._now()  # leaves the forces on the walls in their records
+        ice = self.floes.active & ~self.floes.land
+        thickness = self.floes.volume[ice].sum() / self.floes.area[ice].sum()
+        lengths = [(self.domain.y, self.domain.x)[int(w.axis)] for w in self._state.walls]
+        return np.array(
+            [
+                -wall.side * wall.force / ((high - low) * thickness)
+                for wall, (low, high) in zip(self._state.walls, lengths, strict=True)
+            ]
+        )
+
+    def longest_step(self) -> float:
+        """The step that would be taken now [s]; inf where nothing limits it."""
+        return self._now().longest_step()
+
+    def contacts(self) -> Contacts:
+        """The pairs that push or hold each other now, and their forces."""
+        return self._contacts(self._now())
+
+    def _contacts(self, now: Advance) -> Contacts:
+        p, pairs = now.packed, now.pairs
+        law = None if self.contact is None else prepare(self.contact)
+        rows = look(law, *self.domain.period, p.place, pairs.i, pairs.j, pairs.slip, pairs.bonded)
+        touching = rows[:, 0] > 0 if len(rows) else np.zeros(0, bool)
+        i, j = p.number[pairs.i[: len(rows)][touching]], p.number[pairs.j[: len(rows)][touching]]
+        order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
+        columns = rows[touching].T[1:]
+        values = [column[order] for column in columns]
+        values[7] = values[7] > 0
+        return Contacts(i[order], j[order], *values)
+
+    def coverage(self) -> Coverage:
+        """Exact areas of the floes in the cells of the exchange grid, now; land is left out."""
+        f = self.floes
+        key = np.concatenate([f.x, f.y, f.active.astype(float)])
+        if self._coverage is None or not np.array_equal(self._coverage[0], key):
+            ice = f.active & ~f.land
+            areas = coverage(
+                self.grid, f.x[ice], f.y[ice], f.radius[ice], self.domain.period
+            )
+            self._coverage = key, areas
+        return self._coverage[1]
+
+    def fields(self) -> dict[str, np.ndarray]:
+        """Gridded output by the short names of `variables.VARIABLES`, flat arrays of shape (grid.size,).
+
+        State is of now, stresses of fluids are means over the last exchange (0 before the first).
+        """
+        f, now = self.floes, self._now()
+        contacts = self._contacts(now)
+        ice = f.active & ~f.land
+        both = np.concatenate([contacts.i, contacts.j])
+        partners = np.bincount(both, minlength=len(f)).astype(float)
+        fields = cell_fields(
+            self.grid, self.coverage(), thickness=f.thickness[ice], u=f.u[ice], v=f.v[ice],
+            radius=f.radius[ice], density=self.ice_density, coordination=partners[ice],
+        )  # fmt: skip
+        stress = internal_stress(
+            self.grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy,
+            contacts.fx, contacts.fy, self.domain.period,
+        )  # fmt: skip
+        net = np.zeros((2, len(f)))  # of the ice; what the coast takes is not a force on ice
+        net[:, now.packed.number] = now.packed.force.x, now.packed.force.y
+        net[:, f.land] = 0.0
+        push = divergence(self.grid, self.weights(self.grid), *net)
+        fields |= {
+            "internal_stress_xx": stress.xx,
+            "internal_stress_xy": stress.xy,
+            "internal_stress_yy": stress.yy,
+            "internal_stress_divergence_x": push[0],
+            "internal_stress_divergence_y": push[1],
+            "internal_pressure": pressure(stress.xx, stress.yy),
+            "maximum_shear": maximum_shear(stress.xx, stress.xy, stress.yy),
+        }
+        fields |= self._stresses(fields["area_fraction"] + fields["overlap_fraction"])
+        return fields
+
+    def _stresses(self, fraction: np.ndarray) -> dict[str, np.ndarray]:
+        """Ice on ocean, and air on ice: both point along the drift of what they push."""
+        over = 1.0 / self._last_duration if self._last_duration else 0.0
+        fields = {}
+        for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
+            if fluid is None:
+                continue
+            per_area = sign / fluid.grid.area
+            for axis, last, running in (
+                ("x", fluid.last_x, fluid.impulse_x),
+                ("y", fluid.last_y, fluid.impulse_y),
+            ):
+                fields[f"{what}_stress_{axis}"] = last * per_area * over
+                fields[f"{what}_impulse_{axis}"] = running * per_area
+        if self.ocean is not None:
+            ice = np.where(fraction > 0, fraction, np.inf)
+            for axis in "xy":
+                fields[f"ocean_stress_per_ice_area_{axis}"] = fields[f"ocean_stress_{axis}"] / ice
+            fields["ocean_stress_magnitude"] = self.ocean.magnitude * over
+            fields["ocean_drag_coefficient"] = self.ocean.coefficient.copy()
+        return fields
+
+    # ---- restart -----------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, object]:
+        """All that a restart needs, as arrays, numbers and text."""
+        s, f = self._state, self.floes
+        state: dict[str, object] = {
+            "version": __version__,
+            "time": self.time,
+            "last_duration": self._last_duration,
+            "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(-1, len(s.walls.dtype)),
+            "pair_start": s.memory.start,
+            "pair_i": s.memory.i,
+            "pair_j": s.memory.j,
+            "rng": json.dumps(s.rng.bit_generator.state),
+            "waiting": np.array([np.nan if x.waiting is None else x.waiting for x in s.feeders]),
+            "counters": np.array([float(value) for value in vars(s.counters).values()]),
+        }
+        for name in ("x", "y", "u", "v", "radius", "thickness", "motion", "active"):
+            state[f"floes_{name}"] = getattr(f, name).copy()
+        if f.rotation:
+            state["floes_angle"] = f.angle.copy()
+            state["floes_angular_velocity"] = f.angular_velocity.copy()
+        for name in ("slip", "bonded"):
+            if getattr(s.memory, name) is not None:
+                state[f"pair_{name}"] = getattr(s.memory, name)
+        if s.previous is not None:
+            state["previous"] = s.previous
+        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
+            if fluid is not None:
+                for name, values in vars(fluid).items():
+                    if isinstance(values, np.ndarray):
+                        state[f"{what}_{name}"] = values.copy()
+        return state | s.ledger.state()
+
+    def restore(self, state: dict[str, object]) -> None:
+        """Take up the state of a model of the same scene; then it goes on with the same bits.
+
+        Raises
+        ------
+        InputError
+            if the state does not fit this model; the model is then as before.
+        """
+        expected = set(self.state())
+        if set(state) != expected:
+            odd = ", ".join(sorted(set(state) ^ expected))
+            raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")
+        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
+            if fluid is not None and np.size(state[f"{what}_u"]) != fluid.grid.size:
+                raise InputError(
+                    f"restart: {what} has {np.size(state[f'{what}_u'])} cells, the scene's grid "
+                    f"{fluid.grid.size}; must be the same grid"
+                )
+        if np.shape(state["walls"])[0] != len(self._state.walls):
+            raise InputError("restart: number of walls differs from the scene's")
+
+        def of_floes(name: str) -> np.ndarray:
+            return np.asarray(state[f"floes_{name}"])
+
+        names = ["x", "y", "radius", "thickness", "u", "v"]
+        rotation = {}
+        if self.floes.rotation:
+            rotation = {name: of_floes(name) for name in ("angle", "angular_velocity")}
+        floes = Floes(
+            *(of_floes(name) for name in names),
+            motion=of_floes("motion"),
+            rotation=self.floes.rotation,
+            **rotation,
+        )
+        floes.active[:] = of_floes("active").astype(bool)
+        s = self._state
+        self.floes = floes
+        self.time = float(state["time"])
+        self._last_duration = float(state["last_duration"])
+        for row, wall in zip(np.asarray(state["walls"]), s.walls, strict=True):
+            for name, value in zip(s.walls.dtype.names, row, strict=True):
+                wall[name] = value
+        s.memory = PairList(
+            np.asarray(state["pair_start"], np.int64),
+            np.asarray(state["pair_i"], np.uint32),
+            np.asarray(state["pair_j"], np.uint32),
+            *(
+                np.asarray(state[f"pair_{name}"], float) if f"pair_{name}" in state else None
+                for name in ("slip", "bonded")
+            ),
+        )
+        if s.previous is not None:
+            s.previous = np.array(state["previous"], float).reshape(-1, 3)
+        s.rng.bit_generator.state = json.loads(str(state["rng"]))
+        for feeder, waiting in zip(s.feeders, np.atleast_1d(state["waiting"]), strict=True):
+            feeder.waiting = None if np.isnan(waiting) else float(waiting)
+        values = np.asarray(state["counters"])
+        for name, value in zip(vars(s.counters), values, strict=True):
+            setattr(s.counters, name, type(getattr(s.counters, name))(value))
+        s.ledger.restore(state)
+        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
+            if fluid is not None:
+                for name, values in vars(fluid).items():
+                    if isinstance(values, np.ndarray):
+                        values[:] = state[f"{what}_{name}"]
+
+    # ---- in words ----------------------------------------------------------------------------------
+
+    def absent(self) -> list[str]:
+        """What this model leaves out: neither code nor memory."""
+        c, kinds = self.contact, {type(force) for force in self.forces}
+        left_out = [
+            ("contacts", c is None),
+            ("friction", c is not None and c.friction is None),
+            ("bonds", c is not None and c.bonds is None),
+            ("dashpots", c is not None and c.dashpot is None),
+            ("rotation", not self.floes.rotation),
+            ("ocean drag", OceanDrag not in kinds),
+            ("wind", AirDrag not in kinds),
+            ("Coriolis", not kinds & {Coriolis, CoriolisField}),
+            ("sea-surface tilt", Tilt not in kinds),
+            ("body force", BodyForce not in kinds),
+            ("walls", not len(self._state.walls)),
+            ("inflow", not self.inflow),
+        ]
+        return [name for name, missing in left_out if missing]
+
+    def degrees_of_freedom(self) -> int:
+        """Velocity components that the forces can change."""
+        f = self.floes
+        bits = f.motion[f.active].astype(int)
+        free = sum(int(((bits & bit) == 0).sum()) for bit in ((1, 2, 4) if f.rotation else (1, 2)))
+        return free
+
+    def __repr__(self) -> str:
+        d = self.domain
+        lines = [
+            f"Model at t = {self.time:g} s",
+            f"├─ domain: x {d.x[0]:g} … {d.x[1]:g} m, y {d.y[0]:g} … {d.y[1]:g} m; "
+            f"west {d.west}, east {d.east}, south {d.south}, north {d.north}",
+            f"├─ {self.floes!r}",
+            f"├─ contact: {'none (free drift)' if self.contact is None else ''}",
+        ]
+        if self.contact is not None:
+            lines += [f"│  ├─ {part!r}" for part in self.contact if part is not None]
+        lines.append(f"├─ forces: {'' if self.forces else 'none'}")
+        for force in self.forces:
+            fluid = self._fluid_of(force)
+            lines.append(f"│  ├─ {force!r}" + (f" on {fluid.grid!r}" if fluid else ""))
+            if isinstance(force, OceanDrag | AirDrag):
+                low, high = self.bulk_range(force)
+                lines.append(f"│  │    C_d of the floes' area: {low:.2g} … {high:.2g}")
+        lines += [f"├─ {wall!r}" for wall in self.walls]
+        lines += [f"├─ {inflow!r}" for inflow in self.inflow]
+        lines.append(f"├─ {self.step!r}, sampling {self.sampling!r}")
+        lines.append(f"└─ absent: {', '.join(self.absent()) or 'nothing'}")
+        return "\n".join(lines)
+
+    def bulk_range(self, drag: OceanDrag | AirDrag) -> tuple[float, float]:
+        """Smallest and largest equivalent drag coefficient of the floes' area [1] (eq. ocean-drag)."""
+        f = self.floes
+        ice = f.active & ~f.land
+        if not ice.any():
+            return 0.0, 0.0
+        share = self.draft_fraction
+        side = f.thickness[ice] * (share if isinstance(drag, OceanDrag) else 1.0 - share)
+        values = bulk_coefficient(drag, f.radius[ice], side)
+        return float(values.min()), float(values.max())
+
+
+_ACCOUNTS = {
+    OceanDrag: "ocean drag",
+    AirDrag: "wind",
+    Coriolis: "Coriolis",
+    CoriolisField: "Coriolis",
+    Tilt: "sea-surface tilt",
+    BodyForce: "body force",
+}
+
+
+def _fit(memory: PairList, n: int) -> PairList:
+    """The same memory for n floes: those that were added since remember nothing."""
+    missing = n + 1 - len(memory.start)
+    if missing <= 0:
+        return memory
+    return memory._replace(start=np.append(memory.start, np.full(missing, memory.start[-1])))
