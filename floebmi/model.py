@@ -49,8 +49,8 @@ from floebmi.gridding import (
     maximum_shear,
     pressure,
 )
+from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, PairList, look, remembered
-from floebmi.packing import overlapping
 from floebmi.quantities import check
 from floebmi.sampling import Weights, floe_weights, gather, scatter, without_cell
 from floebmi.vorticity import Vorticity

@@ -1,0 +1,44 @@
+"""Floes that lie over each other: what a start is refused for."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.boundaries import Domain
+from floebmi.floes import Floes
+from floebmi.neighbours import find_pairs
+
+
+class Overlap(NamedTuple):
+    """Floes i and j overlap by `overlap` [m], a `share` of the smaller radius."""
+
+    i: int
+    j: int
+    overlap: float
+    share: float
+
+
+def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Overlap]:
+    """Pairs that overlap by more than `allowed` of the smaller radius, the worst first.
+
+    Two pieces of coast may lie over each other as they like.
+    """
+    number = np.flatnonzero(floes.active)
+    x, y, r = floes.x[number], floes.y[number], floes.radius[number]
+    if len(number) < 2:
+        return []
+    pairs = find_pairs(x, y, r, domain.period)
+    i, j = pairs.i, pairs.j
+    distance = []
+    for place, period in zip((x, y), domain.period, strict=True):
+        d = place[j] - place[i]
+        distance.append(d if period is None else d - period * np.rint(d / period))
+    overlap = r[i] + r[j] - np.hypot(*distance)
+    share = overlap / np.minimum(r[i], r[j])
+    land = floes.land[number]
+    found = np.flatnonzero((share > allowed) & ~(land[i] & land[j]))
+    found = found[np.argsort(-share[found])]
+    return [
+        Overlap(int(number[i[p]]), int(number[j[p]]), float(overlap[p]), float(share[p]))
+        for p in found
+    ]

@@ -1,0 +1,181 @@
+"""Contact laws, one pair at a time."""
+
+import numpy as np
+import pytest
+
+from floebmi.bonds import TensileStrength
+from floebmi.boundaries import Domain
+from floebmi.contact import (
+    Contact,
+    Coulomb,
+    Damsgaard2018Coulomb,
+    Elastic,
+    Restitution,
+    cohesive,
+    frictional,
+    pair_force,
+    prepare,
+    stiffness_ratio,
+)
+from floebmi.dynamics import Step
+from floebmi.errors import InputError
+from floebmi.floes import FIXED, Floes
+from floebmi.model import Model
+from floebmi.pack import look
+
+DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
+LAWS = {
+    "elastic": Contact(),
+    "bonds": cohesive(500e3),
+    "friction": frictional(),
+    "friction and bonds": Contact(friction=Coulomb(), bonds=TensileStrength(500e3)),
+}
+
+
+def force_and_energy(law, gap, slip, bonded):
+    """One pair with r_i = 10, r_j = 15, h = 1 and 2 m: force on i along −n, and elastic energy."""
+    place = np.zeros(2, [(name, float) for name in "xyrh"]).view(np.recarray)
+    place.x, place.r, place.h = [0.0, 25.0 + gap], [10.0, 15.0], [1.0, 2.0]
+    one = np.array([0], np.uint32)
+    row = look(law, None, None, place, one, one + 1, np.array([slip]), np.array([bonded]))[0]
+    return -row[5], row[9]
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("gap", [-0.3, -0.01, 0.05])
+def test_the_normal_force_is_minus_the_slope_of_the_energy(name, gap):
+    law, step = prepare(LAWS[name]), 1e-4
+    bonded = 1.0 if law.bonds else 0.0
+    push, _ = force_and_energy(law, gap, 0.0, bonded)
+    slope = (
+        force_and_energy(law, gap + step, 0.0, bonded)[1]
+        - force_and_energy(law, gap - step, 0.0, bonded)[1]
+    ) / (2 * step)
+    assert push == pytest.approx(-slope, rel=1e-6, abs=1e-6)
+    assert (push != 0) == (gap < 0 or bool(law.bonds))
+
+
+def test_the_tangential_force_is_minus_the_slope_of_the_energy_while_it_sticks():
+    law, slip, step = prepare(frictional()), 0.003, 1e-5
+    f = pair_force(law, -0.1, 0.0, 0.0, 10.0, 10.0, 1.0, 1.0, 1.0, slip, 0.0, 0.0)
+    up, down = (force_and_energy(law, -0.1, slip + d, 0.0)[1] for d in (step, -step))
+    assert f.f_t == pytest.approx(-(up - down) / (2 * step), rel=1e-6)
+
+
+def test_the_stiffness_ratio_is_that_of_the_reference_code():
+    assert stiffness_ratio(Coulomb()) == pytest.approx(0.898071625, rel=1e-9)
+
+
+def test_friction_is_limited_by_coulomb_and_forming_it_again_gives_the_same_bits():
+    law = prepare(frictional(friction=0.3))
+    f = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, 0.01, 0.0, 0.1)
+    assert abs(f.f_t) == pytest.approx(0.3 * f.f_n, rel=1e-14)
+    again = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, f.slip, 0.0, 0.0)
+    assert (again.f_t, again.slip) == (f.f_t, f.slip)
+    assert f.friction_loss > 0
+
+
+def test_contact_time_and_overlap_are_those_of_a_half_oscillation():
+    floes = Floes([0.0, 20.0], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
+    model = Model(DOMAIN, floes, contact=Contact(), step=Step(length=1e-4))
+    deepest, time = 0.0, None
+    for _ in range(420):
+        model.advance(1e-3)
+        overlap = 20.0 - (floes.x[1] - floes.x[0])
+        deepest = max(deepest, overlap)
+        if overlap < 0 and time is None:
+            time = model.time
+    assert deepest == pytest.approx(0.0121125, rel=1e-4)
+    assert time == pytest.approx(0.38052505, abs=1.1e-3)
+
+
+@pytest.mark.parametrize("law", [Contact(), cohesive(), frictional()])
+def test_the_third_law_holds_to_the_bit(law):
+    floes = Floes([0.0, 24.0], [0.0, 3.0], [10.0, 15.0], [1.0, 2.0], u=[0.3, -0.2], v=[0.1, 0.0])
+    model = Model(DOMAIN, floes, contact=law)
+    model.advance(0.05)
+    now = model._now().packed.force
+    assert now.x[0] == -now.x[1] != 0
+    assert now.y[0] == -now.y[1]
+
+
+@pytest.mark.parametrize("ratio", [1.0, 3.0, 1e2])
+@pytest.mark.parametrize("wanted", [0.1, 0.5, 0.9])
+def test_restitution_is_met_for_any_mass_ratio_and_nothing_pulls_as_floes_part(ratio, wanted):
+    floes = Floes([0.0, 11.05 * np.sqrt(ratio)], 0.0, [10.0, 10.0 * np.sqrt(ratio)], 1.0, u=[0.1, 0])
+    floes.x[1] = 10.02 + floes.radius[1]
+    model = Model(DOMAIN, floes, contact=Contact(dashpot=Restitution(wanted)), step=Step(fraction=0.05))
+    least = 0.0
+    for _ in range(60):
+        model.advance(0.05)
+        contacts = model.contacts()
+        least = min([least, *(-contacts.fx * np.sign(contacts.dx))])
+    assert (floes.u[1] - floes.u[0]) / 0.1 == pytest.approx(wanted, rel=0.02)
+    assert least >= 0
+
+
+def test_restitution_against_a_fixed_floe_is_met_too():
+    floes = Floes([0.0, 20.02], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
+    model = Model(DOMAIN, floes, contact=Contact(dashpot=Restitution(0.5)), step=Step(fraction=0.05))
+    model.advance(3.0)
+    assert -floes.u[0] / 0.1 == pytest.approx(0.5, rel=0.02)
+
+
+def test_a_bond_breaks_at_its_strength_and_can_form_again():
+    floes = Floes([0.0, 20.0 - 1e-6], 0.0, 10.0, 1.0, u=[0.0, 1e-3], motion=[FIXED, FIXED])
+    model = Model(DOMAIN, floes, contact=cohesive(500e3))
+    strongest = widest = 0.0
+    while len(model.contacts().i):
+        contacts = model.contacts()
+        strongest = max(strongest, contacts.fx[0])
+        widest = max(widest, -contacts.overlap[0])
+        model.advance(1.0)
+    assert strongest == pytest.approx(5.0e6, rel=0.01)
+    assert widest == pytest.approx(0.25, rel=0.01)
+    assert model.counters.bonds_broken == 1
+    assert model.ledger.accounts["broken bonds"][3] == pytest.approx(-0.5 * 2e7 * 0.25**2, rel=0.01)
+    floes.u[1] = -1e-2
+    model.advance(30.0)
+    assert model.contacts().bonded.all() and len(model.contacts().i) == 1
+
+
+def test_without_a_bond_the_same_pull_meets_no_force():
+    floes = Floes([0.0, 20.0 - 1e-6], 0.0, 10.0, 1.0, u=[0.0, 1e-3], motion=[FIXED, FIXED])
+    model = Model(DOMAIN, floes, contact=Contact())
+    model.advance(10.0)
+    assert not len(model.contacts().i)
+
+
+def test_the_papers_lever_arm_breaks_angular_momentum_and_the_default_does_not():
+    def drift(friction):
+        floes = Floes([0.0, 0.0], [0.0, 24.0], [5.0, 20.0], 1.0, u=[0.3, -0.3], v=[0.02, -0.02])
+        model = Model(DOMAIN, floes, contact=Contact(friction=friction))
+
+        def angular():
+            mass, inertia = floes.mass(934.0), floes.moment_of_inertia(934.0)
+            orbit = mass * (floes.x * floes.v - floes.y * floes.u)
+            return float((orbit + inertia * floes.angular_velocity).sum())
+
+        before = angular()
+        model.advance(20.0)
+        assert abs(floes.angular_velocity).max() > 1e-4
+        return abs(angular() - before) / abs(before)
+
+    assert drift(Coulomb()) < 1e-12
+    assert drift(Damsgaard2018Coulomb()) > 1e-6
+
+
+@pytest.mark.parametrize(
+    "law, name",
+    [
+        (frictional(friction=-0.1), "coefficient"),
+        (frictional(youngs_modulus=0.0), "youngs_modulus"),
+        (frictional(poisson_ratio=0.7), "poisson_ratio"),
+        (cohesive(tensile_strength=-1.0), "tensile_strength"),
+        (Contact(Elastic(float("nan"))), "youngs_modulus"),
+        (Contact(dashpot=Restitution(1.5)), "coefficient"),
+    ],
+)
+def test_a_law_out_of_its_bounds_is_refused_by_name(law, name):
+    with pytest.raises(InputError, match=name):
+        Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), contact=law)

@@ -1,0 +1,277 @@
+"""Steps: the reference numbers, orders of convergence, stability, conservation."""
+
+import numpy as np
+import pytest
+
+from floebmi.bonds import TensileStrength
+from floebmi.boundaries import Domain
+from floebmi.contact import Contact, Coulomb, frictional
+from floebmi.dynamics import Step
+from floebmi.errors import StabilityError
+from floebmi.floes import FIXED, FIXED_Y, Floes
+from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag
+from floebmi.model import Model
+from floebmi.pack import stable_step
+
+DOMAIN = Domain((-500.0, 500.0), (-500.0, 500.0))
+PAPER = Step("taylor3", epsilon=0.07)
+
+
+def test_two_floes_collide_as_in_the_reference_code():
+    floes = Floes([0.0, 0.5], 0.0, 0.1, 0.05, u=[1.0, 0.0])
+    model = Model(DOMAIN, floes, contact=Contact(), step=PAPER)
+    assert model.longest_step() == pytest.approx(8.478741928617433e-5, rel=1e-12)
+    model.advance(1.0)
+    assert model.ledger.start[3] == pytest.approx(0.7335618846, rel=1e-9)
+    assert model.ledger.now[3] == pytest.approx(0.7334506348, rel=1e-9)
+    assert floes.u == pytest.approx([7.58343e-5, 0.999924], rel=1e-5)
+
+
+def test_a_floe_bounces_off_a_fixed_one_as_in_the_reference_code():
+    floes = Floes([0.0, 20.05], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
+    Model(DOMAIN, floes, contact=Contact(), step=PAPER).advance(10.0)
+    assert floes.u[0] == pytest.approx(-0.1000489775, rel=1e-8)
+
+
+@pytest.mark.parametrize("step", [Step(fraction=0.03), PAPER])
+def test_an_oblique_collision_follows_elastic_theory(step):
+    floes = Floes([0.0, 19.0], [10.0, 0.0], 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
+    Model(DOMAIN, floes, contact=Contact(), step=step).advance(30.0)
+    # the line of centres at impact, for stiff floes: sin of its angle is 10/20
+    assert np.hypot(floes.u[0], floes.v[0]) == pytest.approx(0.1, rel=2e-3)
+    assert (floes.u[0], floes.v[0]) == pytest.approx((-0.05, 0.0866), rel=2e-2)
+
+
+def oscillation_error(scheme, step):
+    """Two overlapping floes let go; error of the gap at a time at which they still touch."""
+    floes = Floes([0.0, 19.9], 0.0, 10.0, 1.0)
+    Model(DOMAIN, floes, contact=Contact(), step=Step(scheme, length=step)).advance(0.1)
+    omega = np.sqrt(2 * 2.0e7 / (934.0 * np.pi * 100.0))
+    return abs(20.0 - (floes.x[1] - floes.x[0]) - 0.1 * np.cos(0.1 * omega))
+
+
+@pytest.mark.parametrize("scheme, order", [("verlet", 2), ("taylor2", 1), ("taylor3", 1)])
+def test_the_order_of_each_scheme_is_as_stated(scheme, order):
+    errors = [oscillation_error(scheme, step) for step in (0.01, 0.005, 0.0025)]
+    rates = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert rates == pytest.approx(order, abs=0.25) or (rates > order).all()
+
+
+def drift_error(step):
+    floes = Floes(0.0, 0.0, 20.0, 1.0, u=0.3, v=-0.2)
+    forces = [OceanDrag(), AirDrag(), Coriolis(1.4e-2), BodyForce(1e-3, 0.0)]
+    model = Model(DOMAIN, floes, contact=Contact(), forces=forces, step=Step(length=step))
+    model.ocean.v[:], model.atmosphere.u[:] = 0.4, 20.0
+    model.advance(32.0)
+    return np.array([floes.u[0], floes.v[0], floes.x[0]])
+
+
+def test_drag_wind_and_coriolis_together_are_of_second_order():
+    fine = drift_error(1 / 64)
+    errors = [np.abs(drift_error(step) - fine).max() for step in (1.0, 0.5, 0.25)]
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.3)
+
+
+def hexagonal_pack(n, squeeze=0.999, friction=None, step=Step()):
+    x, y = np.meshgrid(np.arange(n) * 2.0, np.arange(n) * np.sqrt(3.0))
+    x[1::2] += 1.0
+    domain = Domain(
+        (0.0, 2.0 * n * squeeze), (0.0, np.sqrt(3.0) * n * squeeze),
+        "periodic", "periodic", "periodic", "periodic",
+    )  # fmt: skip
+    rng = np.random.default_rng(1)
+    floes = Floes(
+        x.ravel() * squeeze, y.ravel() * squeeze, 1.0, 1.0,
+        u=rng.normal(0, 1e-5, n * n), v=rng.normal(0, 1e-5, n * n),
+    )  # fmt: skip
+    return Model(domain, floes, contact=Contact(friction=friction), step=step)
+
+
+def kinetic(model):
+    f = model.floes
+    energy = (f.mass(934.0) * (f.u**2 + f.v**2)).sum()
+    if f.rotation:
+        energy += (f.moment_of_inertia(934.0) * f.angular_velocity**2).sum()
+    return float(energy)
+
+
+def test_an_undamped_dense_pack_keeps_its_energy_for_40000_steps():
+    model = hexagonal_pack(8)
+    before = kinetic(model)
+    highest = 0.0
+    for _ in range(40):
+        model.step_by(1000)
+        highest = max(highest, kinetic(model))
+    assert model.counters.steps >= 40_000
+    assert highest <= 1.1 * before
+
+
+def test_the_papers_scheme_amplifies_the_same_pack():
+    model = hexagonal_pack(8, step=PAPER)
+    before = kinetic(model)
+    model.step_by(10_000)
+    assert kinetic(model) > 2 * before
+
+
+@pytest.mark.parametrize("friction", [None, Coulomb(1e9)])
+@pytest.mark.parametrize("fraction, stable", [(0.9, True), (1.1, False)])
+def test_the_stiffness_sums_predict_where_a_pack_becomes_unstable(friction, fraction, stable):
+    limit = stable_step(hexagonal_pack(6, friction=friction)._now().stiffest, Step(fraction=1.0))
+    model = hexagonal_pack(6, friction=friction, step=Step(length=fraction * limit))
+    before = kinetic(model)
+    try:
+        model.advance(400 * fraction * limit)
+        grown = not kinetic(model) < 30 * before
+    except StabilityError:
+        grown = True
+    assert grown != stable
+
+
+def test_momentum_and_angular_momentum_of_unequal_floes_stay_for_10000_steps():
+    rng = np.random.default_rng(3)
+    x, y = (a.ravel() * 2.0 for a in np.meshgrid(np.arange(8.0), np.arange(8.0)))
+    floes = Floes(
+        x, y, rng.uniform(0.3, 1.0, 64), rng.uniform(0.5, 1.0, 64),
+        u=-0.02 * x + rng.normal(0, 0.02, 64), v=-0.02 * y,
+    )  # fmt: skip
+    model = Model(DOMAIN, floes, contact=frictional())
+
+    def angular():
+        mass, inertia = floes.mass(934.0), floes.moment_of_inertia(934.0)
+        return float((mass * (floes.x * floes.v - floes.y * floes.u)).sum()
+                     + (inertia * floes.angular_velocity).sum())  # fmt: skip
+
+    scale = (floes.mass(934.0) * np.hypot(floes.x, floes.y) * np.hypot(floes.u, floes.v)).sum()
+    before = angular()
+    model.step_by(10_000)
+    assert "friction" in model.ledger.accounts
+    assert abs(angular() - before) < 1e-11 * scale
+    for quantity in ("momentum_x", "momentum_y"):
+        assert model.ledger.balance(quantity).relative < 1e-12
+    assert model.ledger.balance("energy").relative < 1e-3
+
+
+def jostle(seed=0, **laws):
+    rng = np.random.default_rng(seed)
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(12) * 2.05 + 1, np.arange(12) * 2.05 + 1))
+    floes = Floes(x, y, rng.uniform(0.7, 1.0, 144), 1.0, u=rng.normal(0, 0.1, 144))
+    floes.v[:] = rng.normal(0, 0.1, 144)
+    size = 12 * 2.05
+    domain = Domain((0, size), (0, size), "periodic", "periodic", "periodic", "periodic")
+    return Model(domain, floes, **laws)
+
+
+def test_the_same_start_gives_the_same_bits():
+    runs = [jostle(contact=frictional()) for _ in range(2)]
+    for model in runs:
+        model.advance(5.0)
+    assert np.array_equal(runs[0].floes.x, runs[1].floes.x)
+    assert np.array_equal(runs[0].floes.angle, runs[1].floes.angle)
+
+
+@pytest.mark.parametrize("step", [Step(), PAPER])
+def test_a_restart_in_mid_contact_gives_the_same_bits(step):
+    law = Contact(friction=Coulomb(), bonds=TensileStrength(50e3))
+    laws = dict(contact=law, forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)], step=step)
+    first = jostle(**laws)
+    first.ocean.u[:] = 0.3
+    first.advance(2.0)
+    assert len(first.contacts().i) > 20
+    state = first.state()
+    first.advance(3.0)
+    second = jostle(seed=9, **laws)
+    second.restore(state)
+    second.advance(3.0)
+    for name in ("x", "y", "u", "v", "angle", "angular_velocity"):
+        assert np.array_equal(getattr(first.floes, name), getattr(second.floes, name)), name
+    assert np.array_equal(first.ocean.impulse_x, second.ocean.impulse_x)
+    assert np.array_equal(first.ledger.now, second.ledger.now)
+
+
+def test_forgetting_what_contacts_remember_changes_the_run():
+    first = jostle(contact=frictional())
+    first.advance(2.0)
+    state = first.state()
+    first.advance(3.0)
+    second = jostle(contact=frictional())
+    second.restore(state | {"pair_slip": 0.0 * state["pair_slip"]})
+    second.advance(3.0)
+    assert not np.array_equal(first.floes.x, second.floes.x)
+
+
+def test_the_order_of_the_forces_does_not_matter():
+    forces = [OceanDrag(), AirDrag(), Coriolis(1e-2), BodyForce(0.0, 1e-3)]
+    results = []
+    for order in (forces, forces[::-1]):
+        model = jostle(contact=Contact(), forces=order)
+        model.atmosphere.u[:] = 15.0
+        model.advance(2.0)
+        results.append(model.floes.x.copy())
+    assert results[0] == pytest.approx(results[1], abs=1e-9)
+
+
+def test_a_pair_across_a_seam_moves_as_the_same_pair_inside():
+    def run(x):
+        domain = Domain((0, 100.0), (0, 100.0), "periodic", "periodic", "periodic", "periodic")
+        floes = Floes([x - 9.9, x + 9.9], [50.0, 51.0], 10.0, 1.0, v=[0.02, -0.03])
+        floes.x %= 100.0
+        model = Model(domain, floes, contact=frictional())
+        for _ in range(5):
+            model.advance(0.25)
+        return floes
+
+    inside, across = run(50.0), run(0.0)
+    assert abs(inside.angular_velocity).max() > 1e-5
+    assert across.angular_velocity == pytest.approx(inside.angular_velocity, rel=1e-9)
+    assert (across.x - 0.0) % 100.0 == pytest.approx((inside.x - 50.0) % 100.0, abs=1e-10)
+
+
+def test_a_scene_moved_by_4000_km_gives_the_same_way():
+    def run(shift):
+        floes = Floes([shift, shift + 19.9], [0.0, 1.0], 10.0, 1.0, v=[0.02, -0.03])
+        domain = Domain((shift - 500, shift + 500), (-500.0, 500.0))
+        Model(domain, floes, contact=frictional()).advance(1.0)
+        return floes.x - shift, floes.y.copy()
+
+    for here, there in zip(run(0.0), run(4.0e6), strict=True):
+        assert there == pytest.approx(here, abs=2e-8)
+
+
+def test_held_axes_keep_their_velocity_and_the_held_force_is_booked():
+    floes = Floes([0.0, 19.95], 0.0, 10.0, 1.0, u=[0.1, 0.0], v=[0.3, 0.0], motion=[FIXED_Y, FIXED])
+    model = Model(DOMAIN, floes, contact=Contact())
+    model.advance(2.0)
+    assert floes.v[0] == 0.3 and floes.u[1] == 0.0
+    assert floes.u[0] < 0
+    assert model.ledger.accounts["held floes and coast"][1] < 0
+    assert model.ledger.balance("momentum_x").relative < 1e-12
+
+
+def test_a_step_that_is_too_long_stops_the_run_and_says_which_would_hold():
+    floes = Floes([0.0, 2.0], 0.0, 1.0, 1.0, u=[100.0, 0.0])
+    model = Model(DOMAIN, floes, contact=Contact(), step=Step(length=0.5))
+    with pytest.raises(StabilityError, match=r"floe 0: .* step of .* would hold"):
+        model.advance(1.0)
+
+
+def test_floes_that_meet_at_100_metres_a_second_do_not_pass_through_each_other():
+    floes = Floes([-30.0, 30.0], 0.0, 10.0, 1.0, u=[50.0, -50.0])
+    Model(DOMAIN, floes, contact=Contact(Elastic_strong())).advance(1.0)
+    assert floes.x[0] < floes.x[1] and floes.u[0] < 0 < floes.u[1]
+
+
+def Elastic_strong():
+    from floebmi.contact import Elastic
+
+    return Elastic(1e9)
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_no_floe_one_floe_and_two_floes_run(n):
+    floes = Floes(np.arange(n) * 30.0, 0.0, 10.0, 1.0)
+    model = Model(DOMAIN, floes, contact=frictional(), forces=[OceanDrag(), AirDrag()])
+    model.atmosphere.u[:] = 10.0
+    model.advance(10.0)
+    model.fields()
+    assert model.ledger.balance("momentum_x").relative < 1e-12
+    assert n == 0 or (floes.u > 0).all()
