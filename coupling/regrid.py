@@ -49,6 +49,7 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
+from floebmi.projection import to_plane
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -344,20 +345,12 @@ def project(grid: Grid, projection: str) -> Grid:
     InputError
         for an unknown projection, or corners that have no place in it.
     """
-    import pyproj
-
-    try:
-        crs = pyproj.CRS(projection)
-        lonlat = pyproj.CRS(crs.geodetic_crs)
-        there = pyproj.Transformer.from_crs(lonlat, crs, always_xy=True)
-    except pyproj.exceptions.ProjError as error:
-        raise InputError(f"projection {projection!r}: {error}") from None
-    x, y = there.transform(grid.node_x, grid.node_y)
+    x, y = to_plane(projection, grid.node_x, grid.node_y)
     outside = np.flatnonzero(~(np.isfinite(x) & np.isfinite(y)))
     if outside.size:
         k = outside[0]
         raise InputError(
-            f"projection {projection!r}: corner at longitude {grid.node_x[k]:g}, latitude"
+            f"projection = {projection!r}: corner at longitude {grid.node_x[k]:g}, latitude"
             f" {grid.node_y[k]:g} has no place in it; cut the grid first"
         )
     if grid.kind == "unstructured":

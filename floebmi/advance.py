@@ -241,6 +241,8 @@ class Advance:
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
 
     def _half_skin(self) -> float:
+        if not len(self.packed.number):
+            return np.inf
         # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
         return 0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
 

@@ -351,7 +351,7 @@ def velocity_factor(units: str | None, where: str) -> float:
     if text in _KNOTS:
         return 1852.0 / 3600.0
     match = re.fullmatch(r"([a-z]+) ?(?:/|per) ?([a-z]+)", text)
-    match = match or re.fullmatch(r"([a-z]+)[ .*]*([a-z]+) ?(?:\^|\*\*)? ?\(?-1\)?", text)
+    match = match or re.fullmatch(r"([a-z]+)[ .*]+([a-z]+) ?(?:\^|\*\*)? ?\(?-1\)?", text)
     if match and match[1] in _LENGTHS and match[2] in _DURATIONS:
         return _LENGTHS[match[1]] / _DURATIONS[match[2]]
     raise InputError(_unknown(units, where, "a velocity: m s-1, cm s-1, km h-1, knots"))

@@ -3,8 +3,7 @@
 Four kinds are one thing here: every cell is a simple polygon with its corners counter-clockwise, an
 exact area (shoelace) and a centroid.  What differs is how a cell is found.  On rectilinear grids a
 column is found by a table along each axis; on the others a raster of bins, laid over the grid,
-lists the cells that reach into each bin.  Both find a cell in a time that does not grow with the
-grid.
+lists the cells that reach into each bin.  Neither takes longer where there are more cells.
 
 A point on an edge belongs to one cell only, the one to its east or north, so the grid's own east
 and north rim is outside.  Fields are flat, in C order: shape (size,).
@@ -32,9 +31,8 @@ SLOTS_PER_COLUMN = 16  # upper bound on the table along an axis, for strongly st
 class Bins(NamedTuple):
     """A raster of bins over the grid; bin b lists the cells cell[start[b]:start[b + 1]].
 
-    numba_celltree would serve too: 5 ms for the candidates of 10 000 discs on 40 000
-    quadrilaterals. But it compiles for 27 s when first used; these bins for 1 s, and they take 2.5
-    ms.
+    numba_celltree would serve too: 5 ms for the candidates of 10 000 discs among 40 000 cells.  But
+    it compiles for 27 s when first used; these bins do so in 1 s, and take 2.5 ms.
     """
 
     origin: np.ndarray  # (2,) south-west corner of the raster [m]
@@ -61,7 +59,7 @@ def column(edges, first, x):
 
 @jit
 def bin_of(x, origin, scale, count):
-    """Bin along one axis; grows with x, so that a point of a cell is never left of the cell's first bin."""
+    """Bin along one axis; grows with x, so a point of a cell is never in a bin before the cell's."""
     return int(min(max((x - origin) * scale, 0.0), count - 1.0))
 
 
@@ -158,8 +156,8 @@ class Grid:
     area : (size,) cell areas by the shoelace formula [m²]
     wet : (size,) bool, True where the fluid is
     node_x, node_y : (n_nodes,) corners of the cells [m]
-    face_nodes : (size, most corners) int64, the nodes of each cell counter-clockwise, padded with
-    -1 x_edges, y_edges : (nx + 1,), (ny + 1,) [m] on rectilinear grids, None on the others
+    face_nodes : (size, most corners) int64, nodes of each cell counter-clockwise, padded with -1
+    x_edges, y_edges : (nx + 1,), (ny + 1,) [m] on rectilinear grids, None on the others
     """
 
     kind: Kind
@@ -386,7 +384,7 @@ class Grid:
         return Bins(origin, scale, start, cell, low, box, raster)
 
     def with_wet(self, mask: np.ndarray) -> Grid:
-        """The same cells with another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet."""
+        """The same cells, another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet."""
         other = copy.copy(self)  # shares the geometry and the search structures
         object.__setattr__(other, "wet", _mask(mask, self.shape))
         other.wet.flags.writeable = False
@@ -489,7 +487,8 @@ def _face_table(faces: np.ndarray | Sequence[Sequence[int]], n_nodes: int) -> np
     if isinstance(faces, np.ndarray):
         if faces.ndim != 2 or not np.issubdtype(faces.dtype, np.integer):
             raise InputError(
-                f"grid: faces is {faces.dtype} of shape {faces.shape}: must be integers (cells, corners)"
+                f"grid: faces is {faces.dtype} of shape {faces.shape}:"
+                " must be integers (cells, corners)"
             )
         table = faces.astype(np.int64)
     else:
@@ -504,7 +503,8 @@ def _face_table(faces: np.ndarray | Sequence[Sequence[int]], n_nodes: int) -> np
     if wrong.any():
         c, k = np.argwhere(wrong)[0]
         raise InputError(
-            f"grid: faces[{c}][{k}] = {table[c, k]}: must be 0 … {n_nodes - 1}, with -1 only at the end"
+            f"grid: faces[{c}][{k}] = {table[c, k]}: must be 0 … {n_nodes - 1},"
+            " with -1 only at the end"
         )
     for c in np.flatnonzero(corners < 3):
         raise InputError(f"grid: cell {c} has {corners[c]} nodes: must have three or more")
@@ -535,7 +535,7 @@ def _check_edges_once(faces: np.ndarray) -> None:
 def _check_simple(
     x: np.ndarray, y: np.ndarray, corners: np.ndarray, area: np.ndarray
 ) -> None:
-    """Refuse cells without area and cells whose edges cross or touch (x, y padded as in `_corner`)."""
+    """Refuse cells without area, or whose edges cross or touch (x, y padded as in `_corner`)."""
     reach = np.hypot(np.ptp(x, axis=1), np.ptp(y, axis=1))
     for cell in np.flatnonzero(np.abs(area) <= FLAT * reach**2):
         raise InputError(f"grid: cell {cell} has no area ({abs(area[cell]):g} m²)")
@@ -599,7 +599,7 @@ def _quadrilaterals(ny: int, nx: int) -> np.ndarray:
 
 
 def _corner(node: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Corner coordinates (size, most corners); padding repeats the first corner and adds no area."""
+    """Coordinates (size, most corners); padding repeats the first corner, which adds no area."""
     return node[np.where(faces >= 0, faces, faces[:, :1])]
 
 

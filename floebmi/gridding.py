@@ -7,8 +7,7 @@ not forgotten:
 
     Σ_k π r_k² = Σ_wet A c + Σ_wet A (overlap) + Σ_dry ice area + Σ_k outside_k    (eq. area-budget)
 
-Dry cells keep the ice that lies on them (a coast is made of floes); masking them is the writer's
-choice.
+Dry cells keep the ice that lies on them (a coast is made of floes); to mask them is for the writer.
 
 Internal stress.  A contact pushes floe i with force f, the branch d leads from the centre of i to
 that of j.  Spread evenly along its branch, it makes a stress that is negative in compression,
@@ -55,8 +54,7 @@ class Coverage(NamedTuple):
     """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int64, a cell may occur twice in a row (a floe that reaches it from both sides of a
-        seam)
+    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
     area : (m,) area of the floe in the cell [m²]
     size : number of cells of the grid
     outside : (n,) area of each floe outside the grid [m²]
@@ -85,9 +83,9 @@ class AreaBudget(NamedTuple):
 
 
 class InternalStress(NamedTuple):
-    """Internal stress, summed over the thickness: xx, xy, yy (size,) [N/m], negative in
-    compression.
+    """Internal stress, summed over the thickness; negative in compression.
 
+    xx, xy, yy : (size,) [N/m]
     xy is the symmetric part, ½ (f_x d_y + f_y d_x); the other part is the couple of friction, which
     the spin of the floes takes up.
     outside : (3,) virial xx, xy, yy of the parts of branches outside the grid [N m]
@@ -210,7 +208,7 @@ def cell_fields(
 
 @jit
 def _insert(cuts, n, t):
-    """Put t into its place among the first n cuts, which are in order; the array doubles when full."""
+    """Put t into its place among the first n cuts, kept in order; the array doubles when full."""
     if n == cuts.size:
         longer = np.empty(2 * n)
         for e in range(n):
@@ -308,8 +306,8 @@ def internal_stress(
     Parameters
     ----------
     x, y : (contacts,) where branches begin: the *centre of floe i* [m]
-    dx, dy : (contacts,) branch: centre of j − centre of i [m]; for a wall, contact point − centre
-    of i fx, fy : (contacts,) contact force on floe i [N]; it points away from j in compression
+    dx, dy : (contacts,) branch: centre of j − centre of i [m]; at a wall, contact point − centre of i
+    fx, fy : (contacts,) contact force on floe i [N]; it points away from j in compression
     period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
 
     Returns

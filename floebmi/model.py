@@ -542,7 +542,7 @@ class Model:
             if getattr(s.memory, name) is not None:
                 state[f"pair_{name}"] = getattr(s.memory, name)
         if s.previous is not None:
-            state["previous"] = s.previous
+            state["previous"] = s.previous.copy()
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
                 for name, values in vars(fluid).items():

@@ -44,8 +44,8 @@ RESTART_VERSION = 1
 
 _FLAGS = {
     "motion": {
-        "flag_masks": np.array([1, 2, 4], np.int8),
-        "flag_meanings": "x_velocity_prescribed y_velocity_prescribed rotation_prescribed",
+        "flag_masks": np.array([1, 2, 4, 8], np.int8),
+        "flag_meanings": "x_velocity_prescribed y_velocity_prescribed rotation_prescribed land",
     },
     "land_mask": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "sea land"},
 }
@@ -115,7 +115,7 @@ class GriddedWriter(_GrowingFile):
     Parameters
     ----------
     path : the file to make
-    model : with a grid
+    model : its grids must stay the same
     attributes : global attributes, texts and numbers: title, scene text, licence of the data …
     reference : date of the run's time 0, such as "1979-01-15 12:00"; None: an arbitrary epoch
     calendar : CF calendar of the reference
@@ -128,8 +128,8 @@ class GriddedWriter(_GrowingFile):
     Raises
     ------
     InputError
-        if the file exists already, its folder does not, the model has no grid, or an attribute, a date, a
-        projection or a name is unusable.  Nothing is written then.
+        if the file exists already, its folder does not, or an attribute, a date, a projection or a name is
+        unusable.  Nothing is written then.
     """
 
     def __init__(
@@ -145,8 +145,6 @@ class GriddedWriter(_GrowingFile):
         names: Sequence[str] | None = None,
         overwrite: bool = False,
     ) -> None:
-        if model.grid is None:
-            raise InputError(f"{path}: the model has no grid; give it one to write gridded fields")
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
@@ -368,7 +366,7 @@ def _global_attributes(
         "domain_y": np.array(model.domain.y, float),
     }
     made.update((f"domain_{edge}", getattr(model.domain, edge)) for edge in _EDGES)
-    if model.grid is not None and model.grid.kind == "unstructured" and kind == "gridded":
+    if kind == "gridded" and model.grid.kind == "unstructured":
         made["Conventions"] += " UGRID-1.0"
     for name, value in (given or {}).items():
         if name in ("Conventions", "featureType", "floebmi_file"):
@@ -808,13 +806,13 @@ def save_restart(
     _check_target(path, overwrite=True)
     flat = dict(_flatten(state, ()))
     packed = {name: _pack(name, value) for name, value in flat.items()}
+    told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
     part = path.with_name(path.name + ".part")
     try:
         with Dataset(part, "w") as data:
-            data.setncatts(dict(attributes or {}))
+            data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)
-            data.floebmi_version = floebmi.__version__
-            data.checksum = _checksum(packed)
+            data.checksum = _checksum(packed, told)
             for name, (kind, array) in packed.items():
                 _write_entry(data, name, kind, array)
         with open(part, "rb") as file:
@@ -853,7 +851,7 @@ def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
                 name: (variable.kind, _read_entry(variable))
                 for name, variable in _entries(data, "")
             }
-            intact = attributes.pop("checksum") == _checksum(packed)
+            intact = attributes.pop("checksum") == _checksum(packed, attributes)
     except (OSError, RuntimeError, KeyError, AttributeError):
         raise damaged from None
     if not intact:
@@ -958,8 +956,10 @@ def _read_entry(variable: Any) -> np.ndarray:
     return np.ascontiguousarray(variable[...]).reshape(variable.shape)
 
 
-def _checksum(packed: Mapping[str, tuple[str, np.ndarray]]) -> str:
+def _checksum(packed: Mapping[str, tuple[str, np.ndarray]], attributes: Mapping[str, Any]) -> str:
     digest = hashlib.sha256()
+    for name in sorted(attributes):
+        digest.update(f"{name} {attributes[name]}\n".encode())
     for name in sorted(packed):
         kind, array = packed[name]
         digest.update(f"{name} {kind} {array.dtype.str} {array.shape}\n".encode())

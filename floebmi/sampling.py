@@ -10,10 +10,9 @@ round-off whatever the accuracy, and the work done by the fluid equals the work 
 How accurately the shares follow the floe's outline is a separate dial:
 
 "overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.
-"centre"   at the floe's centre only: bilinear between the four cell centres around it, without the
-dry
-           ones, on rectilinear grids; the cell that holds the centre, if wet, on the others, where
-           four neighbours in order need not exist.
+"centre"   at the floe's centre only.  On rectilinear grids bilinear between the four cell centres
+           around it, the dry ones left out; on the others, where four neighbours in order need not
+           exist, the cell that holds the centre, if it is wet.
 
 A floe that finds no wet cell has an empty row: it reads 0, and what it gives back is undelivered.
 """
@@ -39,8 +38,7 @@ class Weights(NamedTuple):
     """Shares of floes in cells; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int64, a cell may occur twice in a row (a floe that reaches it from both sides of a
-        seam)
+    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
     weight : (m,) [1], each row sums to 1, or is empty: the floe finds no wet cell
     size : number of cells of the grid
     """
@@ -288,10 +286,8 @@ def check_floes(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres and radii [m] as float64 arrays of one shape (n,), finite, the radii positive."""
-    x, y, radius = (
-        np.ascontiguousarray(a, np.float64) for a in np.broadcast_arrays(np.atleast_1d(x), y,
-        radius)
-    )
+    arrays = np.broadcast_arrays(np.atleast_1d(x), y, radius)
+    x, y, radius = (np.ascontiguousarray(values, np.float64) for values in arrays)
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
     for name, values in (("x", x), ("y", y), ("radius", radius)):
@@ -354,8 +350,7 @@ def floe_weights(
     ----------
     x, y : (n,) floe centres [m], in the grid's plane; inside one period or not
     radius : (n,) [m]
-    accuracy : "overlap", exact areas of the discs; or "centre", the cells around the centre (see
-        above)
+    accuracy : "overlap", exact areas of the discs; or "centre", cells around the centre (see above)
     period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic; a floe across the
         seam belongs to cells at both ends.  The grid may not be wider than a period.
 

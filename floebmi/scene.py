@@ -8,17 +8,17 @@ unit, its default and what it means.  Paths are relative to the scene file.
 """
 
 import contextlib
-import datetime
 import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
-from floebmi.boundaries import Domain, Edge, Inflow, Wall
+from floebmi.bonds import TensileStrength
+from floebmi.boundaries import Domain, Edge, Inflow, Wall, check_domain
 from floebmi.contact import (
     Contact,
     Coulomb,
@@ -28,16 +28,16 @@ from floebmi.contact import (
     cohesive,
     frictional,
 )
-from floebmi.bonds import TensileStrength
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose
 from floebmi.floes import DRIVEN, FIXED, FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
-from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, OceanDrag, Tilt
+from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
-from floebmi.quantities import Fraction, NonNegative, Positive, PositiveFraction
+from floebmi.projection import check_projection
+from floebmi.quantities import Positive, PositiveFraction
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
+from floebmi.sizes import from_file as sizes_from_file
 from floebmi.tables import (
-    Override,
     Table,
     apply_override,
     law_of,
@@ -49,3 +49,928 @@ from floebmi.tables import (
     validate,
     word_or,
 )
+
+if TYPE_CHECKING:
+    from floebmi.coast import Coast
+    from floebmi.forcing import Source
+    from floebmi.model import Fluid, Model
+
+FOLDER = Path(__file__).parent / "scenes"
+_SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
+
+Pair = tuple[float, float]
+Count = Annotated[int, Field(ge=1)]
+ScenePath = str  # of a file, relative to the scene file
+Axis = Literal["x", "y", "rotation"]
+_AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
+_EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
+_PRESET_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
+
+
+# ---- where: domain and grid -------------------------------------------------------------------
+
+_Domain: Any = table_of(Domain)
+
+
+class DomainTable(_Domain):
+    """The rectangle in which floes live, and what its edges do."""
+
+    x: Pair = Field(description="west and east edge [m]")
+    y: Pair = Field(description="south and north edge [m]")
+    edges: Edge | None = Field(None, description="what all four edges do, if they do the same")
+    projection: str | None = Field(
+        None,
+        description="plane of x and y for data in longitude and latitude: 'EPSG:3413', '+proj=laea …'",
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        given = self.model_fields_set & {"west", "east", "south", "north"}
+        if self.edges is not None and given:
+            raise InputError(f"edges and {min(given)} exclude each other; give one")
+        return self
+
+    def build(self) -> Domain:
+        domain = law_of(self, Domain)
+        if self.edges is None:
+            return domain
+        return domain._replace(west=self.edges, east=self.edges, south=self.edges, north=self.edges)
+
+
+class Uniform(Table):
+    """Equal rectangles."""
+
+    kind: Literal["uniform_rectilinear"] = "uniform_rectilinear"
+    spacing: Positive | tuple[Positive, Positive] | None = Field(
+        None, description="side of a cell, or (along x, along y) [m]; it divides the domain"
+    )
+    shape: tuple[Count, Count] | None = Field(None, description="cells (along y, along x) instead")
+    x: Pair | None = Field(
+        None, description="west and east edge [m]; those of the domain if left out"
+    )
+    y: Pair | None = Field(None, description="south and north edge [m]")
+
+    def build(self, domain: Domain, folder: Path) -> Grid:
+        if (self.spacing is None) == (self.shape is None):
+            raise InputError("give either spacing or shape")
+        return Grid.uniform(self.x or domain.x, self.y or domain.y, self.spacing, self.shape)
+
+
+class Rectilinear(Table):
+    """Rectangles between edges."""
+
+    kind: Literal["rectilinear"] = "rectilinear"
+    x_edges: list[float] = Field(description="edges of the columns [m], growing")
+    y_edges: list[float] = Field(description="edges of the rows [m], growing")
+
+    def build(self, domain: Domain, folder: Path) -> Grid:
+        return Grid.rectilinear(self.x_edges, self.y_edges)
+
+
+class Curvilinear(Table):
+    """Quadrilaterals, from a NetCDF file with x_corners and y_corners (ny + 1, nx + 1) [m]."""
+
+    kind: Literal["curvilinear"] = "curvilinear"
+    file: ScenePath = Field(
+        description="NetCDF file with x_corners and y_corners (ny + 1, nx + 1) [m]"
+    )
+
+    def build(self, domain: Domain, folder: Path) -> Grid:
+        return Grid.curvilinear(*_arrays(folder / self.file, "x_corners", "y_corners"))
+
+
+class Unstructured(Table):
+    """Polygons, from a NetCDF file with node_x, node_y [m] and face_nodes (cells, corners), −1 padded."""
+
+    kind: Literal["unstructured"] = "unstructured"
+    file: ScenePath = Field(
+        description="NetCDF file with node_x, node_y [m] and face_nodes (cells, corners), padded with -1"
+    )
+
+    def build(self, domain: Domain, folder: Path) -> Grid:
+        x, y, faces = _arrays(folder / self.file, "node_x", "node_y", "face_nodes")
+        return Grid.unstructured(x, y, faces.astype(np.int64))
+
+
+GridTable = one_of(
+    "kind",
+    {
+        "uniform_rectilinear": Uniform,
+        "rectilinear": Rectilinear,
+        "curvilinear": Curvilinear,
+        "unstructured": Unstructured,
+    },
+    "uniform_rectilinear",
+)
+
+
+def _arrays(path: Path, *names: str) -> list[np.ndarray]:
+    from netCDF4 import Dataset
+
+    if not path.is_file():
+        raise InputError(f"file = {str(path)!r}: no such file")
+    try:
+        with Dataset(path) as data:
+            data.set_auto_mask(False)
+            missing = [name for name in names if name not in data.variables]
+            if missing:
+                raise InputError(f"file = {str(path)!r}: has no variable {missing[0]!r}")
+            return [np.asarray(data[name][:]) for name in names]
+    except OSError as error:
+        raise InputError(f"file = {str(path)!r}: not a NetCDF file ({error.strerror})") from None
+
+
+# ---- floes ------------------------------------------------------------------------------------
+
+
+class SizesFromFile(Table):
+    """Sizes from a CSV file: one column of radii [m], or two of lower bin edges [m] and counts."""
+
+    distribution: Literal["file"] = "file"
+    file: ScenePath = Field(
+        description="CSV with a header: radii [m], or lower bin edges [m] and counts"
+    )
+
+
+_SIZE_LAWS = {
+    "power_law": PowerLaw,
+    "uniform": UniformSize,
+    "single": SingleSize,
+    "histogram": Histogram,
+}
+SizeTable = one_of(
+    "distribution",
+    {word: table_of(law, "distribution", word) for word, law in _SIZE_LAWS.items()}
+    | {"file": SizesFromFile},
+)
+
+
+class Group(Table):
+    """Keys that all groups of floes have."""
+
+    velocity: Pair = Field((0.0, 0.0), description="velocity at the start (along x, along y) [m/s]")
+    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
+        "free",
+        description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
+        "['x', 'y', 'rotation']",
+    )
+
+    @model_validator(mode="after")
+    def _fixed_floes_stand_still(self) -> Self:
+        if self.motion == "fixed" and self.velocity != (0.0, 0.0):
+            raise InputError("motion = 'fixed' stands still; with a velocity it is 'driven'")
+        return self
+
+    def move(self, floes: Floes) -> Floes:
+        if "velocity" in self.model_fields_set:
+            floes.u, floes.v = self.velocity
+        if "motion" in self.model_fields_set:
+            floes.motion = _motion_bits(self.motion)
+        return floes
+
+
+def _motion_bits(motion: str | list[Axis]) -> int:
+    if isinstance(motion, str):
+        return {"free": 0, "fixed": FIXED, "driven": DRIVEN}[motion]
+    return sum({_AXIS_BITS[axis] for axis in motion})
+
+
+class Scatter(Group):
+    """Irregular, without overlap, to a wanted concentration or number."""
+
+    arrangement: Literal["scatter"] = "scatter"
+    size: SizeTable = Field(description="size distribution, by number of floes")
+    concentration: PositiveFraction | None = Field(
+        None, description="area of the floes over the area of their region, to 0.85 [1]"
+    )
+    count: Count | None = Field(None, description="number of floes instead")
+    thickness: Positive = Field(1.0, description="[m]")
+    x: Pair | None = Field(
+        None, description="west and east bound of their region [m]; else the domain's"
+    )
+    y: Pair | None = Field(None, description="south and north bound of their region [m]")
+    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+
+
+class Regular(Group):
+    """A lattice of equal floes."""
+
+    arrangement: Literal["regular"] = "regular"
+    radius: Positive = Field(description="[m]")
+    spacing: Positive | None = Field(None, description="between neighbouring centres [m]")
+    concentration: PositiveFraction | None = Field(None, description="instead of spacing [1]")
+    lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="how they are stacked")
+    thickness: Positive = Field(1.0, description="[m]")
+    x: Pair | None = Field(
+        None, description="west and east bound of their region [m]; else the domain's"
+    )
+    y: Pair | None = Field(None, description="south and north bound of their region [m]")
+
+
+class FromField(Group):
+    """As a gridded concentration and thickness say."""
+
+    arrangement: Literal["field"] = "field"
+    file: ScenePath = Field(description="NetCDF file with concentration and thickness")
+    concentration: str | None = Field(
+        None, description="its variable of area fraction; found by its standard name if left out"
+    )
+    thickness: str | Positive | None = Field(
+        None, description="its variable of thickness, or one thickness for all [m]"
+    )
+    thickness_per: Literal["ice", "cell"] = Field(
+        "ice", description="thickness of the ice itself, or its mean over the cell with open water"
+    )
+    size: SizeTable = Field(description="size distribution, by number of floes")
+    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+
+
+class FromFile(Group):
+    """Floes from a CSV or GeoJSON file."""
+
+    arrangement: Literal["file"] = "file"
+    file: ScenePath = Field(description="CSV or GeoJSON of floes")
+
+
+class OneFloe(Table):
+    """One floe of a list."""
+
+    x: float = Field(description="centre [m]")
+    y: float = Field(description="centre [m]")
+    radius: Positive = Field(description="[m]")
+    thickness: Positive = Field(1.0, description="[m]")
+    u: float = Field(0.0, description="velocity along x [m/s]")
+    v: float = Field(0.0, description="velocity along y [m/s]")
+    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
+        "free", description="as for a group of floes"
+    )
+
+
+class Listed(Group):
+    """Floes one by one."""
+
+    arrangement: Literal["list"] = "list"
+    each: list[OneFloe] = Field(description="tables of x, y, radius, thickness, u, v, motion")
+
+
+GroupTable = one_of(
+    "arrangement",
+    {"scatter": Scatter, "regular": Regular, "field": FromField, "file": FromFile, "list": Listed},
+    "scatter",
+)
+
+
+class CoastTable(Table):
+    """Land: its shore is lined with fixed floes, and its cells are dry."""
+
+    file: ScenePath | None = Field(
+        None, description="NetCDF file with a land fraction or a sea mask"
+    )
+    variable: str | None = Field(
+        None, description="its variable; found by its standard name if left out"
+    )
+    geojson: ScenePath | None = Field(
+        None, description="GeoJSON file with polygons of land instead"
+    )
+    radius: Positive = Field(description="of the fixed floes on the shore [m]")
+    thickness: Positive = Field(10.0, description="of the fixed floes on the shore [m]")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.file is None) == (self.geojson is None):
+            raise InputError("give either file or geojson")
+        return self
+
+
+_Inflow: Any = table_of(Inflow)
+
+
+class InflowTable(_Inflow):
+    """New floes along an edge of the domain, each as soon as there is room for it."""
+
+    sizes: SizeTable = Field(description="size distribution, by number of floes")
+
+
+# ---- contact and forces -----------------------------------------------------------------------
+
+
+class Parts(Table):
+    """A contact law in parts; a part that is left out is not modelled."""
+
+    model: Literal["parts"] = "parts"
+    elastic: Elastic = Field(Elastic(), description="normal elasticity")
+    friction: (
+        one_of(  # type: ignore[valid-type]
+            "law",
+            {
+                "coulomb": table_of(Coulomb, "law", "coulomb"),
+                "damsgaard2018": table_of(Damsgaard2018Coulomb, "law", "damsgaard2018"),
+            },
+            "coulomb",
+        )
+        | None
+    ) = Field(None, description="friction, with rotation")
+    bonds: TensileStrength | None = Field(None, description="tensile strength")
+    dashpot: Restitution | None = Field(None, description="normal damping")
+
+    def build(self) -> Contact:
+        laws = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
+        friction = None
+        if self.friction is not None:
+            friction = law_of(self.friction, laws[self.friction.law])
+        return Contact(self.elastic, friction, self.bonds, self.dashpot)
+
+
+_CONTACTS = {"frictional": frictional, "cohesive": cohesive}
+ContactTable = word_or(
+    Literal["frictional", "cohesive", "none"],
+    one_of(
+        "model",
+        {word: table_of(make, "model", word) for word, make in _CONTACTS.items()}
+        | {"parts": Parts},
+        "parts",
+    ),
+)
+
+
+class FluidTable(Table):
+    """What the ice sees of the ocean or of the air."""
+
+    velocity: Pair | None = Field(
+        None, description="the same everywhere and always (along x, along y) [m/s]; else still"
+    )
+    file: ScenePath | None = Field(
+        None, description="NetCDF or Zarr with the velocity in space and time; needs [grid]"
+    )
+    u: str | None = Field(
+        None, description="its variable of the first component, if names do not tell"
+    )
+    v: str | None = Field(None, description="its variable of the second component")
+    grid: GridTable | None = Field(None, description="a grid of its own; else that of [grid]")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if self.velocity is not None and self.file is not None:
+            raise InputError("velocity and file exclude each other; give one")
+        if self.file is None and (self.u is not None or self.v is not None):
+            raise InputError("u and v name variables of a file; give file, or velocity = [u, v]")
+        if (self.u is None) != (self.v is None):
+            raise InputError("u and v go together; give both or neither")
+        return self
+
+
+class Ocean(FluidTable):
+    """Ocean: drag on the floes' bottoms and sides."""
+
+    drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field(  # type: ignore[valid-type]
+        "damsgaard2018", description="a preset, or a table of coefficients"
+    )
+
+
+class Atmosphere(FluidTable):
+    """Wind: drag on the floes' tops and freeboards."""
+
+    drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field(  # type: ignore[valid-type]
+        "damsgaard2018", description="a preset, or a table of coefficients"
+    )
+
+
+class CoriolisTable(Table):
+    """Coriolis acceleration."""
+
+    parameter: float | None = Field(None, description="f [1/s]")
+    latitude: float | None = Field(
+        None, ge=-90, le=90, description="instead: f = 2 Ω sin(latitude) [degrees]"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.parameter is None) == (self.latitude is None):
+            raise InputError("give either parameter or latitude")
+        return self
+
+    def build(self) -> Coriolis:
+        if self.latitude is not None:
+            return Coriolis(2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude)))
+        assert self.parameter is not None
+        return Coriolis(self.parameter)
+
+
+_Tilt: Any = table_of(Tilt)
+
+
+class TiltTable(_Tilt):
+    """Sea-surface tilt."""
+
+    slope: Pair = Field((0.0, 0.0), description="slope of the sea surface (∂ζ/∂x, ∂ζ/∂y) [1]")
+
+
+class Ice(Table):
+    """The material."""
+
+    density: Positive = Field(934.0, description="ρ_ice [kg/m³]")
+    draft: Literal["hydrostatic"] | PositiveFraction = Field(
+        0.9,
+        description="draft over thickness [1], or 'hydrostatic': ρ_ice over the ocean's density",
+    )
+    rotation: bool = Field(
+        False,
+        description="make floes rotate although no friction asks for it (torque of vorticity)",
+    )
+
+
+# ---- time and output --------------------------------------------------------------------------
+
+
+class Time(Table):
+    """When, how long, and how often ice and fluids exchange momentum."""
+
+    duration: Positive | None = Field(None, description="of the run [s]; a coupled run needs none")
+    exchange: Positive | None = Field(
+        None, description="between exchanges with ocean and air [s]; else output.every"
+    )
+    start: str | None = Field(
+        None,
+        description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; needed by dated files",
+    )
+    calendar: str = Field("standard", description="CF calendar of the dates")
+
+
+class Output(Table):
+    """What is written while the model runs."""
+
+    every: Positive | None = Field(
+        None, description="between frames [s]; else a twentieth of the run"
+    )
+    gridded: bool | None = Field(
+        None, description="NetCDF of fields on the grid; true if there is a [grid]"
+    )
+    trajectories: bool = Field(True, description="NetCDF of the floes")
+    picture: bool = Field(True, description="PNG of the last frame")
+    paraview: bool = Field(False, description="ParaView files of all frames")
+    restart: bool = Field(False, description="restart file at the end")
+
+
+class Schedule(NamedTuple):
+    """Times of a run [s]."""
+
+    duration: float
+    exchange: float
+    every: float
+
+
+class Built(NamedTuple):
+    """What a scene becomes: `run` takes these."""
+
+    model: "Model"
+    ocean: "Source | None"
+    atmosphere: "Source | None"
+    land: list[np.ndarray]
+
+
+StepTable: Any = table_of(Step)
+
+
+class Scene(Table):
+    """A scene: what is in the water, and what moves it."""
+
+    title: str = Field("", description="one line")
+    seed: int = Field(
+        0, ge=0, description="of everything random; the same seed gives the same bits"
+    )
+    preset: Literal["damsgaard2018"] | None = Field(
+        None, description="time step, scheme and lever arms as the paper ran them"
+    )
+    sampling: Literal["overlap", "centre"] = Field(
+        "overlap",
+        description="floe-grid weights: exact areas, or the paper's bilinear at the centre",
+    )
+    domain: DomainTable = Field(description="where floes live")
+    grid: GridTable | None = Field(None, description="exchange grid with ocean and air")
+    ice: Ice = Field(Ice(), description="the material")
+    floes: list[GroupTable] = Field([], description="groups of floes, [floes] or [[floes]]")
+    contact: ContactTable | None = Field(
+        None, description="'frictional', 'cohesive', 'none', or a table"
+    )
+    coast: CoastTable | None = Field(None, description="land")
+    ocean: Ocean | None = Field(None, description="ocean drag")
+    atmosphere: Atmosphere | None = Field(None, description="wind drag")
+    coriolis: CoriolisTable | None = Field(None, description="Coriolis acceleration")
+    tilt: TiltTable | None = Field(None, description="sea-surface tilt")
+    body_force: BodyForce | None = Field(None, description="a uniform acceleration")
+    walls: list[Wall] = Field([], description="frictionless walls, [[walls]]")
+    inflow: list[InflowTable] = Field([], description="edges where floes come in, [[inflow]]")
+    step: StepTable = Field(StepTable(), description="how time is stepped")
+    time: Time = Field(Time(), description="when and how long")
+    output: Output = Field(Output(), description="what is written")
+
+    _file: Path = PrivateAttr(default=Path("scene"))
+    _text: str = PrivateAttr(default="")
+
+    @property
+    def file(self) -> Path:
+        """Where the scene was read from."""
+        return self._file
+
+    @property
+    def name(self) -> str:
+        """The file's name without its suffix; output is named after it."""
+        return self._file.stem
+
+    @property
+    def text(self) -> str:
+        """The text of the file; overrides stand as comments at its end."""
+        return self._text
+
+    def paths(self) -> list[str]:
+        """The files that the scene reads, as written in it."""
+        return list(dict.fromkeys(_paths_in(self)))
+
+    def schedule(self, duration: float | None = None) -> Schedule:
+        """Times of the run [s]; `duration` replaces the scene's.
+
+        Raises
+        ------
+        InputError
+            if no duration is known, or the exchange interval does not divide the output interval.
+        """
+        total = self.time.duration if duration is None else duration
+        if total is None:
+            raise InputError(
+                f"{self._file}: [time] duration is missing: give it there, or with --duration SECONDS"
+            )
+        if not (math.isfinite(total) and total > 0):
+            raise InputError(f"duration = {total!r}: must be greater than 0 s")
+        every = self.output.every
+        exchange = self.time.exchange
+        if every is None:
+            every = (
+                total / 20 if exchange is None else exchange * max(1, round(total / 20 / exchange))
+            )
+        if exchange is None:
+            exchange = every
+        check_intervals(every, exchange, f"{self._file}: [time] exchange")
+        return Schedule(float(total), float(exchange), float(every))
+
+    @contextlib.contextmanager
+    def _place(self, table: str) -> Iterator[None]:
+        """What goes wrong inside is said with file and table."""
+        try:
+            yield
+        except InputError as error:
+            where = f"{self._file}: [{table}]" if table else f"{self._file}:"
+            raise InputError(f"{where} {error}") from error
+
+    def build(self) -> Built:
+        """The model at time 0, what drives it, and the land in it.
+
+        Raises
+        ------
+        InputError
+            one line with file and table.
+        """
+        from floebmi.model import Model
+
+        with self._place("domain"):
+            domain = self.domain.build()
+            check_domain(domain)
+            if self.domain.projection is not None:
+                check_projection(self.domain.projection)
+        grid = self._grid("grid", self.grid, domain)
+        wind_grid = None
+        if self.atmosphere is not None:
+            wind_grid = self._grid("atmosphere.grid", self.atmosphere.grid, domain) or grid
+        if self.ocean is not None and self.ocean.grid is not None:
+            raise InputError(
+                f"{self._file}: [ocean.grid]: the ocean's grid is [grid]; leave this out"
+            )
+        coast = None
+        if self.coast is not None:
+            with self._place("coast"):
+                coast = self._coast(self.coast, grid)
+            if grid is not None:
+                grid = grid.with_wet(~_on_land(coast.polygons, grid))
+        land = [] if coast is None else coast.polygons
+        groups = []
+        for k, group in enumerate(self.floes):
+            with self._place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
+                groups.append(group.move(self._arrange(group, k, domain, grid, land)))
+        floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
+        with self._place(""):
+            model = Model(
+                domain,
+                floes,
+                contact=self.contact_law(),
+                forces=self.forces(),
+                grid=grid,
+                walls=self.walls,
+                inflow=[
+                    law_of(table, Inflow)._replace(sizes=self._sizes(table.sizes))
+                    for table in self.inflow
+                ],
+                step=self.step_law(),
+                sampling=self.sampling,
+                ice_density=self.ice.density,
+                draft_fraction=self._draft_fraction(),
+                rotation=self.ice.rotation,
+                seed=self.seed,
+                atmosphere_grid=wind_grid,
+            )
+        if self.tilt is not None:
+            model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
+        with self._place("ocean"):
+            ocean = self._source(self.ocean, model.ocean)
+        with self._place("atmosphere"):
+            atmosphere = self._source(self.atmosphere, model.atmosphere)
+        return Built(model, ocean, atmosphere, land)
+
+    def contact_law(self) -> Contact | None:
+        """The contact law that the scene lists, or None."""
+        table = self.contact
+        if table is None or table == "none":
+            return None
+        if isinstance(table, str):
+            law = _CONTACTS[table]()
+        elif isinstance(table, Parts):
+            law = table.build()
+        else:
+            law = law_of(table, _CONTACTS[table.model])
+        chosen = isinstance(table, Parts) and table.friction is not None
+        if self.preset is None or law.friction is None:
+            return law
+        if chosen and "law" in table.friction.model_fields_set:
+            return law
+        return law._replace(friction=Damsgaard2018Coulomb(*law.friction))
+
+    def step_law(self) -> Step:
+        """How time is stepped; what the scene does not say comes from its preset."""
+        step = law_of(self.step, Step)
+        if self.preset is None:
+            return step
+        given = {name: getattr(step, name) for name in self.step.model_fields_set}
+        if given.keys() & {"fraction", "length"}:  # the user's own step instead of Eq. 4's
+            given.setdefault("epsilon", None)
+        return _PRESET_STEP._replace(**given)
+
+    def forces(self) -> list[Force]:
+        """The forces that the scene lists."""
+        found: list[Force] = []
+        for table, k in ((self.ocean, 0), (self.atmosphere, 1)):
+            if table is not None:
+                word = table.drag
+                found.append(DRAG_PRESETS[word][k] if isinstance(word, str) else word)
+        if self.coriolis is not None:
+            found.append(self.coriolis.build())
+        if self.tilt is not None:
+            found.append(law_of(self.tilt, Tilt))
+        if self.body_force is not None:
+            found.append(self.body_force)
+        return found
+
+    def _draft_fraction(self) -> float:
+        if self.ice.draft != "hydrostatic":
+            return self.ice.draft
+        water = [law.density for law in self.forces() if isinstance(law, OceanDrag)]
+        if not water:
+            raise InputError(
+                f"{self._file}: [ice] draft = 'hydrostatic': needs [ocean], whose density sets it"
+            )
+        return self.ice.density / water[0]
+
+    def _grid(self, name: str, table: Any, domain: Domain) -> Grid | None:
+        if table is None:
+            return None
+        with self._place(name):
+            return table.build(domain, self._file.parent)
+
+    def _sizes(self, table: Any) -> Any:
+        if isinstance(table, SizesFromFile):
+            return sizes_from_file(self._file.parent / table.file)
+        return law_of(table, _SIZE_LAWS[table.distribution])
+
+    def _coast(self, table: CoastTable, grid: Grid | None) -> "Coast":
+        from floebmi import coast
+        from floebmi.forcing import read_scalar
+
+        folder = self._file.parent
+        if table.geojson is not None:
+            return coast.from_geojson(
+                folder / table.geojson, table.radius, table.thickness, self.domain.projection
+            )
+        assert table.file is not None
+        if grid is None or len(grid.shape) != 2:
+            raise InputError("file: needs a [grid] of rows and columns, on which land is found")
+        land = read_scalar(
+            folder / table.file, "land_area_fraction", grid, self.domain.projection,
+            name=table.variable,
+        )  # fmt: skip
+        shape = grid.shape
+        return coast.from_land_fraction(
+            grid.x.reshape(shape), grid.y.reshape(shape), land.reshape(shape),
+            table.radius, table.thickness,
+        )  # fmt: skip
+
+    def _arrange(
+        self, group: Any, k: int, domain: Domain, grid: Grid | None, land: list[np.ndarray]
+    ) -> Floes:
+        from floebmi import packing
+
+        seed = getattr(group, "seed", None)
+        seed = self.seed + k if seed is None else seed
+        region = domain
+        if getattr(group, "x", None) or getattr(group, "y", None):
+            region = Domain(group.x or domain.x, group.y or domain.y)
+        if isinstance(group, Scatter):
+            if (group.concentration is None) == (group.count is None):
+                raise InputError("give either concentration or count")
+            return packing.scatter(
+                region, self._sizes(group.size), concentration=group.concentration,
+                count=group.count, thickness=group.thickness, seed=seed, land=land or None,
+            )  # fmt: skip
+        if isinstance(group, Regular):
+            if (group.concentration is None) == (group.spacing is None):
+                raise InputError("give either concentration or spacing")
+            return packing.regular(
+                region, group.radius, spacing=group.spacing, concentration=group.concentration,
+                lattice=group.lattice, thickness=group.thickness,
+            )  # fmt: skip
+        if isinstance(group, FromField):
+            if grid is None:
+                raise InputError("arrangement = 'field' needs a [grid]")
+            fraction, thickness = self._ice_fields(group, grid)
+            return packing.from_field(
+                grid, fraction, thickness, self._sizes(group.size), seed=seed, domain=domain,
+                land=land or None,
+            )  # fmt: skip
+        if isinstance(group, FromFile):
+            return packing.read_floes(self._file.parent / group.file)
+        return _listed(group.each)
+
+    def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        """Area fraction [1] and thickness of the ice itself [m] on the grid."""
+        from floebmi.forcing import read_scalar
+
+        def read(quantity: str, name: str | None) -> np.ndarray:
+            path = self._file.parent / group.file
+            return read_scalar(path, quantity, grid, self.domain.projection, name=name)
+
+        fraction = read("sea_ice_area_fraction", group.concentration)
+        if isinstance(group.thickness, float):
+            return fraction, np.full(grid.size, group.thickness)
+        thickness = read("sea_ice_thickness", group.thickness)
+        if group.thickness_per == "cell":
+            thickness = np.divide(thickness, fraction, out=np.zeros(grid.size), where=fraction > 0)
+        return fraction, thickness
+
+    def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "Source | None":
+        from floebmi import forcing
+
+        if table is None or fluid is None:
+            return None
+        if table.file is None:
+            return forcing.Constant(*(table.velocity or (0.0, 0.0)))
+        return forcing.VelocityFile(
+            self._file.parent / table.file,
+            fluid.grid,
+            u=table.u,
+            v=table.v,
+            projection=self.domain.projection,
+            start=self.time.start,
+        )
+
+
+def _on_land(polygons: list[np.ndarray], grid: Grid) -> np.ndarray:
+    """Whether the centre of each cell is on land."""
+    import shapely
+
+    from floebmi.coast import land_geometry
+
+    return shapely.contains_xy(land_geometry(polygons), grid.x, grid.y)
+
+
+def _listed(rows: list[OneFloe]) -> Floes:
+    columns = {
+        name: [getattr(row, name) for row in rows]
+        for name in ("x", "y", "radius", "thickness", "u", "v")
+    }
+    for k, row in enumerate(rows):
+        if row.motion == "fixed" and (row.u, row.v) != (0.0, 0.0):
+            raise InputError(f"each[{k}]: motion = 'fixed' stands still; with u, v it is 'driven'")
+    return Floes(**columns, motion=[_motion_bits(row.motion) for row in rows])
+
+
+def _paths_in(table: Table) -> Iterator[str]:
+    for name in type(table).model_fields:
+        value = getattr(table, name)
+        if name in ("file", "geojson") and value is not None:
+            yield value
+        for inner in value if isinstance(value, list) else [value]:
+            if isinstance(inner, Table):
+                yield from _paths_in(inner)
+
+
+def check_intervals(every: float, exchange: float, where: str) -> None:
+    """Refuse an exchange interval that does not divide the interval between frames."""
+    times = every / exchange
+    if round(times) < 1 or abs(times - round(times)) > 1e-9 * times:
+        fitting = every / max(1, math.ceil(times))
+        raise InputError(
+            f"{where} = {exchange:g}: must divide the time between frames, {every:g} s;"
+            f" {fitting:g} would"
+        )
+
+
+# ---- reading ----------------------------------------------------------------------------------
+
+
+def packaged() -> dict[str, Path]:
+    """The scenes in the package, by name."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+
+
+def find_scene(scene: str | Path) -> Path:
+    """The file of a scene: a path, or the name of a packaged scene.
+
+    Raises
+    ------
+    InputError
+        if there is neither; it names the packaged scenes and a near one.
+    """
+    path = Path(scene)
+    if path.exists() or path.suffix in _SUFFIXES or len(path.parts) > 1:
+        return path
+    if str(scene) in packaged():
+        return packaged()[str(scene)]
+    raise InputError(
+        f"{scene}: neither a file here nor a packaged scene; {choose(scene, packaged())}"
+    )
+
+
+def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    scene : path of a TOML or YAML file, or the name of a packaged scene
+    overrides : texts such as "time.duration=3600", as after `--set`
+
+    Raises
+    ------
+    InputError
+        one line with file (or `--set`), table, key, value, and what is allowed.
+    """
+    path = find_scene(scene)
+    if path.suffix not in _SUFFIXES:
+        raise InputError(f"{path}: must end in {', '.join(_SUFFIXES)}")
+    text = read_text(path)
+    tables = parse(text, str(path), yaml=_SUFFIXES[path.suffix])
+    changes = tuple(parse_override(override) for override in overrides)
+    for change in changes:
+        apply_override(tables, change, {"contact": "model"})
+    normal = dict(tables)
+    for name in ("floes", "inflow"):  # one table stands for a list of one
+        if isinstance(normal.get(name), dict):
+            normal[name] = [normal[name]]
+    read: Scene = validate(Scene, normal, str(path), changes, tables)
+    read._file = path
+    read._text = text + "".join(f"\n# --set {change.text}" for change in changes)
+    return read
+
+
+def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:
+    """Copy a packaged scene, and the data that it reads, so that the copy runs; returns the new files.
+
+    Parameters
+    ----------
+    name : of the packaged scene
+    to : file to make, or a folder to make it in
+    force : whether files may be replaced
+
+    Raises
+    ------
+    InputError
+        if a file would be replaced that differs.
+    """
+    if name not in packaged():
+        raise InputError(f"{name}: no packaged scene; {choose(name, packaged())}")
+    source = packaged()[name]
+    target = to / source.name if to.is_dir() else to
+    if target.suffix != source.suffix:
+        raise InputError(f"--to {target}: must end in {source.suffix}, or be a folder")
+    copies = {source: target}
+    for data in read_scene(source).paths():
+        for part in (source.parent / data, (source.parent / data).with_suffix(".LICENSE")):
+            if part.exists():
+                copies[part] = target.parent / part.relative_to(source.parent)
+    for old, new in copies.items():
+        if new.exists() and not force and new.read_bytes() != old.read_bytes():
+            raise InputError(
+                f"{new}: exists already; choose another place, or replace it with --force"
+            )
+    for old, new in copies.items():
+        try:
+            new.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(old, new)
+        except OSError as error:
+            raise InputError(f"{new}: cannot be written ({error.strerror})") from None
+    return list(copies.values())

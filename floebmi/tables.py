@@ -48,35 +48,36 @@ class Override(NamedTuple):
 # ---- declarations -----------------------------------------------------------------------------
 
 
-def parameter_texts(law: type) -> dict[str, str]:
+def parameter_texts(law: object) -> dict[str, str]:
     """What the docstring of a law says of each of its parameters, `name, name : text`."""
     lines = (inspect.getdoc(law) or "").partition("Parameters\n")[2]
     found = re.findall(r"^(\w+(?:, \w+)*) : (.+(?:\n    .+)*)$", lines, re.MULTILINE)
-    return {
-        name: " ".join(text.split()) for names, text in found for name in names.split(", ")
-    }
+    return {name: " ".join(text.split()) for names, text in found for name in names.split(", ")}
 
 
-def table_of(law: type, key: str | None = None, word: str | None = None) -> Any:
+def table_of(law: Callable[..., Any], key: str | None = None, word: str | None = None) -> Any:
     """The `Table` with the fields of a law; with `key = "word"` in it, where several laws may stand.
 
     `law_of` makes the law out of the table.
     """
     texts = parameter_texts(law)
-    defaults: dict[str, Any] = getattr(law, "_field_defaults", {})
+    hints = get_type_hints(law, include_extras=True)
     fields: dict[str, Any] = {
-        name: (hint, Field(defaults.get(name, ...), description=texts.get(name)))
-        for name, hint in get_type_hints(law, include_extras=True).items()
+        name: (hints[name], Field(_required(one.default), description=texts.get(name)))
+        for name, one in inspect.signature(law).parameters.items()
     }
     if key is not None:
         fields[key] = (Literal[word], Field(word, description=summary(law)))
     return create_model(law.__name__, __base__=Table, __doc__=law.__doc__, **fields)
 
 
+def _required(default: Any) -> Any:
+    return ... if default is inspect.Parameter.empty else default
+
+
 def law_of(table: BaseModel, law: Callable[..., Any]) -> Any:
     """The law whose parameters stand in the table; the table may hold more keys."""
-    names = getattr(law, "_fields", ())
-    return law(**{name: getattr(table, name) for name in names})
+    return law(**{name: getattr(table, name) for name in inspect.signature(law).parameters})
 
 
 def summary(thing: object) -> str:
@@ -114,7 +115,7 @@ class WordOrTable:
 def word_or(words: Any, table: Any) -> Any:
     """The type of a key that holds either one of some words or a table."""
     return Annotated[
-        Union[Annotated[words, Tag(_tag("word"))], Annotated[table, Tag(_tag("table"))]],
+        Annotated[words, Tag(_tag("word"))] | Annotated[table, Tag(_tag("table"))],
         Discriminator(WordOrTable()),
     ]
 
@@ -359,9 +360,7 @@ def validate(
         return TypeAdapter(declaration).validate_json(text)
     except ValidationError as error:
         found = error.errors(include_url=False)
-        raise InputError(
-            _one_line(declaration, found, given or tables, name, overrides)
-        ) from None
+        raise InputError(_one_line(declaration, found, given or tables, name, overrides)) from None
 
 
 def place_text(path: tuple, name: str) -> str:
@@ -402,9 +401,7 @@ def _path(error: Any, tables: Any) -> tuple:
     return tuple(path)
 
 
-def _place(
-    path: tuple, error: Any, tables: Any, name: str, overrides: tuple[Override, ...]
-) -> str:
+def _place(path: tuple, error: Any, tables: Any, name: str, overrides: tuple[Override, ...]) -> str:
     words = tuple(str(part) for part in path if not isinstance(part, int))
     for override in overrides:
         keys_of = tuple(part for part in override.keys if not part.isdecimal())
@@ -473,7 +470,8 @@ def _message(declaration: Any, errors: list) -> str:
 def _message_of(declaration: Any, error: Any) -> str:
     kind, context, loc = error["type"], error.get("ctx", {}), error["loc"]
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        return f"unknown key; {choose(loc[-1], _allowed_keys(declaration, loc[:-1]))}"
+        what = "table" if isinstance(error["input"], dict) else "key"
+        return f"unknown {what}; {choose(loc[-1], _allowed_keys(declaration, loc[:-1]))}"
     if kind.startswith("missing"):
         owners = [
             member

@@ -408,7 +408,7 @@ _FLOES = (
         "sea_ice_floe__prescribed_motion_flag",
         None,
         "1",
-        "sum of what is prescribed: 1 velocity along x, 2 velocity along y, 4 rotation",
+        "sum of what is prescribed: 1 velocity along x, 2 along y, 4 rotation; 8: a piece of coast",
         intent="restart",
         dtype="int8",
     ),

@@ -148,7 +148,7 @@ def test_without_a_bond_the_same_pull_meets_no_force():
 
 def test_the_papers_lever_arm_breaks_angular_momentum_and_the_default_does_not():
     def drift(friction):
-        floes = Floes([0.0, 0.0], [0.0, 24.0], [5.0, 20.0], 1.0, u=[0.3, -0.3], v=[0.02, -0.02])
+        floes = Floes([0.0, 0.0], [0.0, 24.9], [5.0, 20.0], 1.0, u=[0.3, -0.3], v=[0.02, -0.02])
         model = Model(DOMAIN, floes, contact=Contact(friction=friction))
 
         def angular():

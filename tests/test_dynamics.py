@@ -5,7 +5,7 @@ import pytest
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain
-from floebmi.contact import Contact, Coulomb, frictional
+from floebmi.contact import Contact, Coulomb, Elastic, frictional
 from floebmi.dynamics import Step
 from floebmi.errors import StabilityError
 from floebmi.floes import FIXED, FIXED_Y, Floes
@@ -109,8 +109,8 @@ def test_an_undamped_dense_pack_keeps_its_energy_for_40000_steps():
 def test_the_papers_scheme_amplifies_the_same_pack():
     model = hexagonal_pack(8, step=PAPER)
     before = kinetic(model)
-    model.step_by(10_000)
-    assert kinetic(model) > 2 * before
+    model.step_by(40_000)
+    assert kinetic(model) > 20 * before
 
 
 @pytest.mark.parametrize("friction", [None, Coulomb(1e9)])
@@ -256,14 +256,8 @@ def test_a_step_that_is_too_long_stops_the_run_and_says_which_would_hold():
 
 def test_floes_that_meet_at_100_metres_a_second_do_not_pass_through_each_other():
     floes = Floes([-30.0, 30.0], 0.0, 10.0, 1.0, u=[50.0, -50.0])
-    Model(DOMAIN, floes, contact=Contact(Elastic_strong())).advance(1.0)
+    Model(DOMAIN, floes, contact=Contact(Elastic(1e9))).advance(1.0)
     assert floes.x[0] < floes.x[1] and floes.u[0] < 0 < floes.u[1]
-
-
-def Elastic_strong():
-    from floebmi.contact import Elastic
-
-    return Elastic(1e9)
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])

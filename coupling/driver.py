@@ -1,0 +1,811 @@
+"""Two BMI models, one clock: the host and the ice, coupled both ways, with the books open.
+
+    couple(host, floes, every=600.0, until=86400.0, show=print)
+
+One exchange over [t, t + every]:
+
+    get    the host's fields at t                  (velocity of the water, wind, tilt …)
+    regrid to the floes' grid, and set them
+    update the floes to t + every
+    get    what the ice gave: the impulse since the last exchange over the interval, J(t + every) − J(t)
+    regrid to the host's grid, and set it
+    update the host to t + every
+    book   one line of the ledger
+
+The ice goes first, so that the host feels exactly the stress that the ice felt from it.  The running
+impulse is differenced because it cannot be wrong: a mean over "the last step" is the mean over the exchange
+only for a component that takes one step per exchange.
+
+Only BMI calls are made, so either model may be in another process (grpc4bmi).  Nothing is guessed:
+
+- *Names.*  An explicit `to_floes` or `to_host` comes first; then equal CSDMS names; what finds no partner is listed.
+- *Units.*  UDUNITS (through cf_units) compares them; convertible units are converted, others refused.
+- *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept; velocities, tilt
+  and the like with their mean kept; ice thickness and velocity are means over the ice, and weighted so.
+- *Cells.*  BMI says where nodes are.  Nodes of a uniform rectilinear grid are taken for cell centres (faces,
+  where the location says so); where cells do not follow from what BMI says, a `Grid` must be given.
+  Coordinates are metres in one plane for both models; masks come with a given `Grid`, BMI has none.
+- *Time.*  Units of both clocks are compared; a model that does not land on the exchange time ends the run.
+
+The ledger of momentum [N s], per exchange and axis:
+
+    from host    taken by the floes from the water, on their own grid:  −Σ A ΔJ
+    to host      put into the host's cells:                              Σ A_host F Δt
+    undelivered  of −from host, what found no wet cell of the host
+    exchange     from host + to host + undelivered = 0                                   (a residual)
+    floes        change in the floes' momentum
+    other        given to the floes by all else: wind, walls, fixed floes, Coriolis …
+    budget       floes − from host − other + what the floes' own grid could not deliver = 0  (a residual)
+
+The last three are read from scalar outputs of the floes, `host` from one of the host; a model that does not
+offer them has no such column.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Literal, NamedTuple, final
+
+import numpy as np
+from bmipy import Bmi
+
+from coupling.regrid import Regrid, checksum
+from floebmi.errors import InputError, choose
+from floebmi.grid import Grid
+
+Kind = Literal["integral", "mean"]
+
+SAME_TIME = 1e-9  # of an exchange interval
+PER_AREA = ("stress", "flux", "area_fraction", "mass-per-area", "coefficient")
+OVER_ICE = {  # means over the ice, and what weights them
+    "sea_ice__thickness": "sea_ice__area_fraction",
+    "sea_ice_flowing__x_component_of_velocity": "sea_ice__mass-per-area_density",
+    "sea_ice_flowing__y_component_of_velocity": "sea_ice__mass-per-area_density",
+}
+ON_WATER = "sea_ice_bottom_water_flowing__"  # stresses with this beginning are in the ledger
+MOMENTUM = "__domain_integral_of_{a}_component_of_momentum"  # ends of names of scalar outputs
+OTHERS = (
+    "sea_ice_top_air_flowing__domain_time_integral_of_{a}_z_component_of_stress",
+    "sea_ice_flowing__domain_time_integral_of_{a}_component_of_other_force",
+)
+NO_WATER = (
+    "sea_ice_bottom_water_flowing__domain_time_integral_of_{a}_component_of_undelivered_stress"
+)
+
+
+class CouplingError(RuntimeError):
+    """A model failed in the middle of a coupled run; the line says which, when, and where the state is."""
+
+
+class Link(NamedTuple):
+    """How one input is filled, where equal names do not say it.
+
+    Parameters
+    ----------
+    source : the giver's output; a running `time_integral_of` is differenced into a mean over the exchange
+    kind : "integral" (per cell area) or "mean"; None: by the name
+    weight : output of the giver that weights the mean (area fraction, mass); None: by the name
+    """
+
+    source: str
+    kind: Kind | None = None
+    weight: str | None = None
+
+
+class Exchange(NamedTuple):
+    """One line of the ledger; pairs are (x, y) [N s], None where no model says it (see the module's text)."""
+
+    number: int
+    time: float  # of the floes, at the end [s]
+    duration: float  # [s]
+    from_host: np.ndarray
+    to_host: np.ndarray
+    undelivered: np.ndarray
+    exchange_residual: np.ndarray
+    floes: np.ndarray | None
+    other: np.ndarray | None
+    budget_residual: np.ndarray | None
+    host: np.ndarray | None
+    turnover: float  # Σ |A ΔJ| over cells and axes since the start of the run [N s]
+
+    @property
+    def relative(self) -> float:
+        """The larger residual over the turnover."""
+        worst = np.abs(self.exchange_residual).max()
+        if self.budget_residual is not None:
+            worst = max(worst, np.abs(self.budget_residual).max())
+        return float(worst / self.turnover) if self.turnover else float(worst)
+
+    def __str__(self) -> str:
+        def pair(values: np.ndarray | None) -> str:
+            return f"{'–':>23}" if values is None else f"{values[0]:11.4e} {values[1]:11.4e}"
+
+        columns = (
+            self.from_host, self.to_host, self.undelivered, self.floes, self.other, self.host
+        )  # fmt: skip
+        return f"{self.time:10.6g}  {'  '.join(map(pair, columns))}  {self.relative:9.1e}"
+
+
+HEADER = "  ".join(
+    [f"{'time [s]':>10}"]
+    + [
+        f"{f'{name} x, y':>23}"
+        for name in ("from host", "to host", "undelivered", "floes", "other", "host")
+    ]
+    + [f"{'residual':>9}"]
+)
+
+
+def couple(
+    host: Bmi,
+    floes: Bmi,
+    *,
+    every: float,
+    until: float,
+    to_floes: Mapping[str, str | Link | None] | None = None,
+    to_host: Mapping[str, str | Link | None] | None = None,
+    units: Mapping[str, str] | None = None,
+    host_grids: Mapping[int, Grid] | None = None,
+    floes_grids: Mapping[int, Grid] | None = None,
+    regrids: Mapping[tuple[int, int], Regrid] | None = None,
+    offset: float | None = None,
+    rescue: str | Path | None = None,
+    show: Callable[[str], object] | None = None,
+) -> list[Exchange]:
+    """Couple two initialized BMI models until a time; returns the ledger, one `Exchange` each.
+
+    Parameters
+    ----------
+    host, floes : models whose `initialize` was called
+    every : exchange interval [s]
+    until : end, on the floes' clock [s]; a whole number of exchanges from now
+    to_floes : input of the floes → output of the host; None leaves the input alone
+    to_host : input of the host → output of the floes; None leaves the input alone
+    units : units of variables that do not tell them, or tell them wrong
+    host_grids, floes_grids : BMI grid number → `Grid`, where BMI does not tell cells or mask
+    regrids : (host grid number, floes grid number) → weights made before, from host to floes
+    offset : time of the host minus time of the floes [s]; None: their start times are the same moment
+    rescue : file for the floes' state if something fails, where the floes have `save_state`
+    show : is given the coupling in words, then each line of the ledger (`print`)
+
+    Raises
+    ------
+    InputError
+        before the run: unknown names, units that do not fit, cells that BMI does not tell, clocks that differ.
+    CouplingError
+        in the run: values that are not finite, a grid that changed, a clock that went back, a model that
+        failed.  The line says when and where the floes' state is.
+    """
+    coupling = Coupling(
+        host, floes, every, to_floes, to_host, units, host_grids, floes_grids, regrids, offset, rescue
+    )
+    return coupling.run(until, show)
+
+
+@final
+class Coupling:
+    """A host and a floe model with what connects them; parameters as for `couple`.
+
+    Attributes
+    ----------
+    to_floes, to_host : the connections
+    unmatched : inputs of either model that nobody fills
+    """
+
+    def __init__(
+        self,
+        host: Bmi,
+        floes: Bmi,
+        every: float,
+        to_floes: Mapping[str, str | Link | None] | None = None,
+        to_host: Mapping[str, str | Link | None] | None = None,
+        units: Mapping[str, str] | None = None,
+        host_grids: Mapping[int, Grid] | None = None,
+        floes_grids: Mapping[int, Grid] | None = None,
+        regrids: Mapping[tuple[int, int], Regrid] | None = None,
+        offset: float | None = None,
+        rescue: str | Path | None = None,
+    ) -> None:
+        if not (np.isfinite(every) and every > 0):
+            raise InputError(f"couple: every = {every!r} s: must be greater than 0")
+        self.every, self.rescue = float(every), rescue
+        self.host = _Side("host", host, units or {}, host_grids or {})
+        self.floes = _Side("floes", floes, units or {}, floes_grids or {})
+        self._regrids = dict(regrids or {})
+        starts = self.host.start_time() - self.floes.start_time()
+        self.offset = starts if offset is None else float(offset)
+        self.to_floes = self._connect(self.host, self.floes, to_floes or {})
+        self.to_host = self._connect(self.floes, self.host, to_host or {})
+        if not self.to_floes and not self.to_host:
+            raise InputError(
+                "couple: no output of one model has the name of an input of the other; say what belongs"
+                f" together in to_floes and to_host: floes want {', '.join(self.floes.inputs)}; host"
+                f" wants {', '.join(self.host.inputs) or 'nothing'}"
+            )
+        filled = {connection.target for connection in self.to_floes + self.to_host}
+        self.unmatched = tuple(
+            f"{side.name}: {name}"
+            for side in (self.host, self.floes)
+            for name in side.inputs
+            if name not in filled
+        )
+        self._turnover = 0.0
+        self.ledger: list[Exchange] = []
+
+    def _connect(
+        self, giver: _Side, taker: _Side, explicit: Mapping[str, str | Link | None]
+    ) -> list[_Connection]:
+        for name in explicit:
+            if name not in taker.inputs:
+                raise InputError(
+                    f"couple: {name!r} is not an input of the {taker.name};"
+                    f" {choose(name, taker.inputs)}"
+                )
+        connections = []
+        for name in taker.inputs:
+            wanted = explicit.get(name, _running(name) if giver is self.floes else name)
+            if name not in explicit and wanted not in giver.outputs:
+                wanted = name
+                if wanted not in giver.outputs:
+                    continue
+            if wanted is None:
+                continue
+            link = Link(wanted) if isinstance(wanted, str) else wanted
+            for output in filter(None, (link.source, link.weight)):
+                if output not in giver.outputs:
+                    raise InputError(
+                        f"couple: {output!r} is not an output of the {giver.name};"
+                        f" {choose(output, giver.outputs)}"
+                    )
+            connections.append(self._connection(giver, taker, name, link))
+        return connections
+
+    def _connection(self, giver: _Side, taker: _Side, target: str, link: Link) -> _Connection:
+        running = "time_integral_of" in link.source and "time_integral_of" not in target
+        convert = _converter(
+            giver.units(link.source), taker.units(target), running, link.source, target
+        )
+        weight = link.weight or OVER_ICE.get(link.source)
+        kind = link.kind or (
+            "integral" if any(word in link.source for word in PER_AREA) else "mean"
+        )
+        if kind not in ("integral", "mean"):
+            raise InputError(f"couple: kind = {kind!r} of {target}: allowed: integral, mean")
+        if weight is not None and (kind == "integral" or weight not in giver.outputs):
+            raise InputError(
+                f"couple: {target}: weight {weight!r} must be an output of the {giver.name}, and is for"
+                " means only"
+            )
+        mean_names = ("_of_count", "_of_radius", "__count")
+        if giver is self.floes and link.kind is None and link.source.endswith(mean_names):
+            raise InputError(
+                f"couple: {link.source} → {target}: a number or mean over floes; say how it is to be"
+                " averaged with Link(source, kind, weight)"
+            )
+        grids = giver.grid_number(link.source), taker.grid_number(target)
+        giver.know_grid(link.source)
+        taker.know_grid(target)
+        pair = grids if giver is self.host else grids[::-1]
+        sides = (link.source, target) if giver is self.host else (target, link.source)
+        return _Connection(
+            giver, taker, link.source, target, kind, weight, running, convert, self._regrid(pair, sides)
+        )
+
+    def _regrid(self, pair: tuple[int, int], names: tuple[str, str]) -> Regrid | None:
+        """Weights between a grid of the host and one of the floes; None where they are the same cells."""
+        if pair not in self._regrids:
+            source, target = self.host.know_grid(names[0]), self.floes.know_grid(names[1])
+            all_wet = source.wet.all() and target.wet.all()
+            if all_wet and checksum(source) == checksum(target):
+                return None
+            self._regrids[pair] = Regrid(source, target)
+        regrid = self._regrids[pair]
+        for side, grid, name in (
+            (self.host, regrid.source, names[0]), (self.floes, regrid.target, names[1])
+        ):  # fmt: skip
+            if grid.size != side.size(name):
+                raise InputError(
+                    f"couple: weights for {grid.size} cells, but {name} of the {side.name} has"
+                    f" {side.size(name)}"
+                )
+        return regrid
+
+    # ---- running -----------------------------------------------------------------------------------
+
+    def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
+        """Exchange until a time of the floes' clock [s]; returns the ledger so far."""
+        start = self.floes.time()
+        count = round((until - start) / self.every)
+        if count < 0 or abs(count * self.every - (until - start)) > SAME_TIME * self.every:
+            raise InputError(
+                f"couple: until = {until:g} s is not a whole number of exchanges of {self.every:g} s"
+                f" from now, {start:g} s"
+            )
+        for side, end in ((self.floes, until), (self.host, until + self.offset)):
+            if end > side.end_time() * (1 + SAME_TIME):
+                raise InputError(
+                    f"couple: until = {until:g} s is after the end of the {side.name},"
+                    f" {side.end_time():g} s"
+                )
+        self._catch_up()
+        if show is not None:
+            show(repr(self))
+            show(HEADER)
+        for k in range(1, count + 1):
+            line = self.exchange(start + k * self.every if k < count else float(until))
+            if show is not None:
+                show(str(line))
+        return self.ledger
+
+    def exchange(self, until: float) -> Exchange:
+        """One exchange, to a time of the floes' clock [s]."""
+        now, host_now = self.floes.time(), self.host.time()
+        before = self._accounts()
+        self._guard(self._give_states)
+        self._guard(self.floes.update_until, until, self.every)
+        impulse, delivered, lost = self._guard(self._give_back, until - now)
+        self._guard(self.host.update_until, host_now + (until - now), self.every)
+        after = self._accounts()
+        change = {name: after[name] - before[name] for name in after}
+        dry = change.get("no water", np.zeros(2))
+        floes, other = change.get("floes"), change.get("other")
+        line = Exchange(
+            number=len(self.ledger) + 1,
+            time=until,
+            duration=until - now,
+            from_host=-impulse,
+            to_host=delivered,
+            undelivered=lost,
+            exchange_residual=-impulse + delivered + lost,
+            floes=floes,
+            other=other,
+            budget_residual=None
+            if floes is None or other is None
+            else floes + impulse + dry - other,
+            host=change.get("host"),
+            turnover=self._turnover,
+        )
+        self.ledger.append(line)
+        return line
+
+    def _guard(self, act: Callable, *values: object) -> object:
+        """Do it; if it fails, save the floes' state and say in one line what happened."""
+        try:
+            return act(*values)
+        except Exception as error:
+            text = str(error).strip().splitlines() or [type(error).__name__]
+            line = f"exchange {len(self.ledger) + 1}: {text[0]}{self._save()}"
+            raise CouplingError(line) from error
+
+    def _save(self) -> str:
+        try:
+            place = f"; floes at {self.floes.time():g} s"
+        except Exception:  # the floes themselves are gone; the first error is the one to tell
+            return "; floes do not answer"
+        save = getattr(self.floes.model, "save_state", None)
+        if save is None or self.rescue is None:
+            return place
+        try:
+            save(str(self.rescue))
+        except Exception as error:
+            return f"{place}; their state could not be saved ({error})"
+        return f"{place}, their state saved in {self.rescue}"
+
+    def _catch_up(self) -> None:
+        """After a restart the floes may stand one exchange ahead: give the host what it has missed."""
+        behind = self.floes.time() + self.offset - self.host.time()
+        if abs(behind) <= SAME_TIME * self.every:
+            return
+        single = [c for c in self.to_host if c.running]
+        mean = [_instant(c.source) for c in single]
+        if abs(behind - self.every) > SAME_TIME * self.every or not all(
+            name in self.floes.outputs for name in mean
+        ):
+            raise InputError(
+                f"couple: the host is at {self.host.time():g} s, the floes at {self.floes.time():g} s, which"
+                f" should be {self.floes.time() + self.offset:g} s of the host; say otherwise with offset"
+            )
+        for connection in self.to_host:
+            values = connection.giver.get(
+                _instant(connection.source) if connection.running else connection.source
+            )
+            connection.put(connection.carry(connection.scaled(values, self.every, was_mean=True)))
+        self._guard(self.host.update_until, self.host.time() + self.every, self.every)
+
+    def _give_states(self) -> None:
+        for side in (self.host, self.floes):
+            side.refuse_changed_grids()
+        for connection in self.to_floes:
+            values = connection.giver.get(connection.source)
+            connection.put(connection.carry(connection.scaled(values, self.every)))
+        for connection in self.to_host:
+            connection.remember()
+
+    def _give_back(self, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        impulse, delivered, lost = np.zeros(2), np.zeros(2), np.zeros(2)
+        for connection in self.to_host:
+            values = connection.scaled(connection.since(), duration)
+            carried = connection.carry(values)
+            connection.put(carried)
+            if connection.kind == "integral" and connection.source.startswith(ON_WATER):
+                axis = _axis(connection.source)
+                if axis is None:
+                    continue
+                given, taken, missed, turned = connection.force(values, carried)
+                impulse[axis] += given * duration
+                delivered[axis] += taken * duration
+                lost[axis] += missed * duration
+                self._turnover += turned * duration
+        return impulse, delivered, lost
+
+    def _accounts(self) -> dict[str, np.ndarray]:
+        """Running totals that the models offer [N s]."""
+        totals = {}
+        for side in (self.host, self.floes):
+            ends = [
+                name for name in side.outputs if name.endswith(MOMENTUM.format(a="x"))
+            ]
+            if len(ends) == 1:
+                totals[side.name] = side.pair(ends[0][: -len(MOMENTUM.format(a="x"))] + MOMENTUM)
+        found = [name for name in OTHERS if name.format(a="x") in self.floes.outputs]
+        if found:
+            totals["other"] = sum(self.floes.pair(name) for name in found)
+        if NO_WATER.format(a="x") in self.floes.outputs:
+            totals["no water"] = self.floes.pair(NO_WATER)
+        return totals
+
+    def __repr__(self) -> str:
+        lines = [f"{self.host.title()} ⇄ {self.floes.title()}, every {self.every:g} s"]
+        for connection in self.to_floes + self.to_host:
+            lines.append(f"├─ {connection!r}")
+        lines += [f"├─ {regrid!r}" for regrid in self._regrids.values()]
+        lines.append(f"└─ nobody fills: {', '.join(self.unmatched) or 'nothing'}")
+        return "\n".join(lines)
+
+
+class _Side:
+    """One of the two models, asked through BMI only; what it says is checked."""
+
+    def __init__(
+        self, name: str, model: Bmi, units: Mapping[str, str], grids: Mapping[int, Grid]
+    ) -> None:
+        self.name, self.model = name, model
+        self.inputs = tuple(model.get_input_var_names())
+        self.outputs = tuple(model.get_output_var_names())
+        self._units, self._given = units, grids
+        self._grids: dict[tuple[int, str], tuple[Grid, str, str]] = {}
+        self._second = _seconds(model.get_time_units(), name)
+
+    def title(self) -> str:
+        return f"{self.name} {self.model.get_component_name()!r}"
+
+    def time(self) -> float:
+        return self.model.get_current_time() * self._second
+
+    def start_time(self) -> float:
+        return self.model.get_start_time() * self._second
+
+    def end_time(self) -> float:
+        return self.model.get_end_time() * self._second
+
+    def update_until(self, time: float, every: float) -> None:
+        """To a time [s]; a model without update_until is stepped.  It must land there."""
+        try:
+            self.model.update_until(time / self._second)
+        except NotImplementedError:
+            while self.time() < time - SAME_TIME * every:
+                before = self.time()
+                self.model.update()
+                if self.time() <= before:
+                    break
+        landed = self.time()
+        if abs(landed - time) > SAME_TIME * every:
+            went = "went back" if landed < time - every else "stands"
+            raise InputError(
+                f"the {self.name} {went} at {landed:g} s after an update to {time:g} s"
+                f" (its own step is {self.model.get_time_step() * self._second:g} s)"
+            )
+
+    def units(self, name: str) -> str:
+        return self._units.get(name) or self.model.get_var_units(name) or ""
+
+    def grid_number(self, name: str) -> int:
+        return self.model.get_var_grid(name)
+
+    def size(self, name: str) -> int:
+        return self.model.get_var_nbytes(name) // self.model.get_var_itemsize(name)
+
+    def get(self, name: str) -> np.ndarray:
+        values = np.empty(self.size(name), self.model.get_var_type(name))
+        self.model.get_value(name, values)
+        return values.astype(np.float64)
+
+    def set(self, name: str, values: np.ndarray) -> None:
+        self.model.set_value(name, values.astype(self.model.get_var_type(name)))
+
+    def pair(self, template: str) -> np.ndarray:
+        return np.array([self.get(template.format(a=a))[0] for a in "xy"])
+
+    def know_grid(self, name: str) -> Grid:
+        """The cells of a variable; made once, and watched from then on."""
+        number, location = self.grid_number(name), self.model.get_var_location(name)
+        key = number, location
+        if key not in self._grids:
+            told = _told(self.model, number, location)
+            grid = self._given.get(number)
+            if grid is None:
+                grid = _grid_of(told, number, location, f"{name} of the {self.name}")
+            if grid.size != self.size(name):
+                raise InputError(
+                    f"couple: {name} of the {self.name} has {self.size(name)} values, its grid"
+                    f" {number} {grid.size} cells"
+                )
+            self._grids[key] = grid, _digest(told), name
+        return self._grids[key][0]
+
+    def refuse_changed_grids(self) -> None:
+        for (number, location), (_, known, name) in self._grids.items():
+            if _digest(_told(self.model, number, location)) != known:
+                raise InputError(
+                    f"grid {number} of the {self.name} ({name}) is not what it was at the start: weights"
+                    " are made for fixed grids; start a new coupling"
+                )
+
+
+class _Connection:
+    """One variable on its way from one model to the other."""
+
+    def __init__(
+        self,
+        giver: _Side,
+        taker: _Side,
+        source: str,
+        target: str,
+        kind: Kind,
+        weight: str | None,
+        running: bool,
+        convert: Callable[[np.ndarray], np.ndarray],
+        regrid: Regrid | None,
+    ) -> None:
+        self.giver, self.taker, self.source, self.target = giver, taker, source, target
+        self.kind, self.weight, self.running, self.regrid = kind, weight, running, regrid
+        self._convert = convert
+        self._before: np.ndarray | None = None
+
+    @property
+    def _downstream(self) -> bool:
+        """Whether it runs from host to floes, as the weights do."""
+        return self.giver.name == "host"
+
+    def remember(self) -> None:
+        """Keep a running integral as it is before the interval."""
+        if self.running:
+            self._before = self.giver.get(self.source)
+
+    def since(self) -> np.ndarray:
+        """The value now, or the change of a running integral since `remember`."""
+        values = self.giver.get(self.source)
+        return values - self._before if self.running else values
+
+    def scaled(self, values: np.ndarray, duration: float, was_mean: bool = False) -> np.ndarray:
+        """In the taker's units; the change of a running integral becomes a mean over the interval."""
+        if self.running:
+            values = self._convert(values if was_mean else values / duration)
+        else:
+            values = self._convert(values)
+        wet = self._giver_grid_wet(values.size)
+        bad = np.flatnonzero(~np.isfinite(values) & wet)
+        if bad.size:
+            raise InputError(
+                f"{self.source} of the {self.giver.name} is {values[bad[0]]} in cell {bad[0]}"
+                f" ({bad.size} such cells) at {self.giver.time():g} s"
+            )
+        return values
+
+    def _giver_grid_wet(self, size: int) -> np.ndarray:
+        if self.regrid is None:
+            return np.ones(size, bool)
+        return (self.regrid.source if self._downstream else self.regrid.target).wet
+
+    def carry(self, values: np.ndarray) -> np.ndarray:
+        """To the taker's grid."""
+        regrid = self.regrid
+        if regrid is None:
+            return values
+        if self.kind == "integral":
+            return (regrid.reverse if self._downstream else regrid).flux(values)
+        along = regrid if self._downstream else regrid.reverse
+        if self.weight is None:
+            return along.state(values)
+        # eq. regrid-state, with the ice that stands behind each value
+        weight = np.where(np.isfinite(values), self.giver.get(self.weight), 0.0)
+        total = along.state(weight)
+        mean = along.state(weight * np.where(weight > 0, values, 0.0))
+        return np.where(total > 0, mean / np.where(total > 0, total, 1.0), 0.0)
+
+    def put(self, values: np.ndarray) -> None:
+        self.taker.set(self.target, values)
+
+    def force(
+        self, values: np.ndarray, carried: np.ndarray
+    ) -> tuple[float, float, float, float]:
+        """A stress summed over the giver's cells, over the taker's, what is lost, and Σ |.| [N]."""
+        if self.regrid is None:
+            area = self.giver.know_grid(self.source).area
+            given = values * area
+            return float(given.sum()), float((carried * area).sum()), 0.0, float(np.abs(given).sum())
+        r = self.regrid
+        given = np.where(r.target.wet, values, 0.0) * r.target_area
+        return (
+            float(given.sum()),
+            float((carried * r.source_area).sum()),
+            r.undelivered(values),
+            float(np.abs(given).sum()),
+        )
+
+    def __repr__(self) -> str:
+        how = f"{self.kind} kept" + (f", weighted by {self.weight}" if self.weight else "")
+        how += ", differenced" if self.running else ""
+        return (
+            f"{self.giver.name} {self.source} [{self.giver.units(self.source)}]"
+            f" → {self.taker.name} {self.target} [{self.taker.units(self.target)}]: {how}"
+        )
+
+
+# ---- names and units --------------------------------------------------------------------------
+
+
+def _running(name: str) -> str:
+    """The name of the running time integral of a variable."""
+    return name.replace("__", "__time_integral_of_", 1)
+
+
+def _instant(name: str) -> str:
+    return name.replace("__time_integral_of_", "__", 1)
+
+
+def _axis(name: str) -> int | None:
+    """0 for an x component, 1 for a y component."""
+    found = re.search(r"_([xy])_(?:z_)?component", name)
+    return None if found is None else "xy".index(found[1])
+
+
+def _unit(text: str, of: str):
+    import cf_units
+
+    try:
+        unit = cf_units.Unit(text)
+    except ValueError:
+        unit = cf_units.Unit("unknown")
+    if unit.is_unknown() or unit.is_no_unit():
+        raise InputError(
+            f"couple: units {text!r} of {of} are not units that UDUNITS knows; say them with"
+            f" units={{{of!r}: …}}"
+        )
+    return unit
+
+
+def _converter(
+    given: str, wanted: str, running: bool, source: str, target: str
+) -> Callable[[np.ndarray], np.ndarray]:
+    """From the giver's units (per second, for a running integral) to the taker's."""
+    one, other = _unit(given, source), _unit(wanted, target)
+    if running:
+        one = one / _unit("s", "time")
+    if not one.is_convertible(other):
+        per = " per second" if running else ""
+        raise InputError(
+            f"couple: {source} is in {given!r}{per}, {target} wants {wanted!r}: not the same quantity"
+        )
+    if one == other:
+        return lambda values: values
+    return lambda values: one.convert(values, other)
+
+
+def _seconds(units: str | None, side: str) -> float:
+    """Seconds in a model's unit of time; a reference date is left aside."""
+    text = (units or "").split(" since ")[0]
+    unit = _unit(text, f"the {side}'s time")
+    if not unit.is_time():
+        raise InputError(f"couple: time of the {side} is in {units!r}, which is no unit of time")
+    return float(unit.convert(1.0, "s"))
+
+
+# ---- what BMI says about a grid ---------------------------------------------------------------
+
+
+def bmi_grid(model: Bmi, name: str) -> Grid:
+    """The cells on which a BMI variable lives, as far as BMI tells them (add a mask with `with_wet`).
+
+    Raises
+    ------
+    InputError
+        where they do not follow from what BMI tells.
+    """
+    number, location = model.get_var_grid(name), model.get_var_location(name)
+    return _grid_of(_told(model, number, location), number, location, name)
+
+
+def _told(model: Bmi, number: int, location: str) -> dict[str, object]:
+    """Everything that BMI says about a grid and that cells are made of."""
+    kind = model.get_grid_type(number)
+    told: dict[str, object] = {"type": kind, "size": model.get_grid_size(number)}
+    if kind in ("uniform_rectilinear", "rectilinear", "structured_quadrilateral"):
+        rank = model.get_grid_rank(number)
+        told["shape"] = model.get_grid_shape(number, np.empty(rank, np.int32)).copy()
+    if kind == "uniform_rectilinear":
+        told["spacing"] = model.get_grid_spacing(number, np.empty(rank)).copy()
+        told["origin"] = model.get_grid_origin(number, np.empty(rank)).copy()
+    elif kind == "rectilinear":
+        ny, nx = told["shape"][-2:]
+        told["x"] = model.get_grid_x(number, np.empty(nx)).copy()
+        told["y"] = model.get_grid_y(number, np.empty(ny)).copy()
+    elif kind == "structured_quadrilateral":
+        nodes = int(np.prod(told["shape"]))
+        told["x"] = model.get_grid_x(number, np.empty(nodes)).copy()
+        told["y"] = model.get_grid_y(number, np.empty(nodes)).copy()
+    elif kind == "unstructured" and location == "face":
+        nodes = model.get_grid_node_count(number)
+        faces = model.get_grid_face_count(number)
+        told["x"] = model.get_grid_x(number, np.empty(nodes)).copy()
+        told["y"] = model.get_grid_y(number, np.empty(nodes)).copy()
+        per_face = model.get_grid_nodes_per_face(number, np.empty(faces, np.int32)).copy()
+        told["nodes_per_face"] = per_face
+        told["face_nodes"] = model.get_grid_face_nodes(
+            number, np.empty(int(per_face.sum()), np.int32)
+        ).copy()
+    return told
+
+
+def _digest(told: Mapping[str, object]) -> str:
+    digest = hashlib.sha256()
+    for name, value in told.items():
+        digest.update(name.encode())
+        digest.update(value.tobytes() if isinstance(value, np.ndarray) else str(value).encode())
+    return digest.hexdigest()
+
+
+def _grid_of(told: Mapping[str, object], number: int, location: str, of: str) -> Grid:
+    """Cells out of what BMI says; refuses to invent what it does not."""
+    kind = told["type"]
+    unclear = (
+        f"couple: grid {number} of {of} ({kind}, location {location}): BMI does not tell its cells;"
+        " give a Grid in host_grids or floes_grids"
+    )
+    if kind == "unstructured" and location == "face":
+        ends = np.cumsum(told["nodes_per_face"])
+        faces = np.split(told["face_nodes"], ends[:-1])
+        return Grid.unstructured(told["x"], told["y"], faces)
+    if len(told.get("shape", ())) != 2 or location not in ("node", "face"):
+        raise InputError(unclear)
+    ny, nx = (int(n) for n in told["shape"])
+    if kind == "uniform_rectilinear":
+        (dy, dx), (y0, x0) = told["spacing"], told["origin"]
+        if location == "face":  # the nodes are corners
+            return Grid.uniform(
+                (x0, x0 + (nx - 1) * dx), (y0, y0 + (ny - 1) * dy), shape=(ny - 1, nx - 1)
+            )
+        west, south = x0 - 0.5 * dx, y0 - 0.5 * dy
+        return Grid.uniform((west, west + nx * dx), (south, south + ny * dy), shape=(ny, nx))
+    if location == "face":
+        if kind == "rectilinear":
+            return Grid.rectilinear(told["x"], told["y"])
+        return Grid.curvilinear(told["x"].reshape(ny, nx), told["y"].reshape(ny, nx))
+    if kind == "rectilinear":
+        edges = [_even_edges(told[axis]) for axis in ("x", "y")]
+        if edges[0] is not None and edges[1] is not None:
+            return Grid.rectilinear(*edges)
+    raise InputError(unclear)
+
+
+def _even_edges(centres: np.ndarray) -> np.ndarray | None:
+    """Edges around evenly spaced centres; None if uneven: then more than one set of edges would fit."""
+    if centres.size < 2:
+        return None
+    step = np.diff(centres)
+    if np.ptp(step) > 1e-9 * abs(step[0]):
+        return None
+    return np.concatenate([centres - 0.5 * step[0], centres[-1:] + 0.5 * step[0]])

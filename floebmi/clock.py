@@ -1,0 +1,187 @@
+"""When the records of a file are, in seconds after the start of the run.
+
+Calendars are those of the file (also noleap, 360_day …): the start is read as a date of that calendar, and
+from there on time is seconds.  Between two records fields change linearly.
+"""
+
+from __future__ import annotations
+
+import datetime
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from floebmi.errors import InputError, choose
+from floebmi.fields import _DURATIONS, Field, coordinate
+
+if TYPE_CHECKING:
+    import cftime
+
+    Date = str | float | datetime.datetime | np.datetime64 | cftime.datetime
+
+BeyondSpan = Literal["error", "hold", "repeat"]
+
+
+class Clock:
+    """Times of records, and what holds before the first and after the last.
+
+    Parameters
+    ----------
+    field : the variable whose records these are
+    start : the date of t = 0, e.g. "1979-01-16" or "2016-02-01T12:00"; default: the first record.  A number
+        [s] if the file's times are durations, not dates.
+    beyond_span : "error", "hold" (the first or last record), or "repeat" (the record after the last is the
+        first again, after one more mean interval)
+
+    Attributes
+    ----------
+    seconds : (n,) times of the records [s], or None for a field without time
+    """
+
+    def __init__(
+        self, field: Field, start: Date | None = None, beyond_span: BeyondSpan = "error"
+    ) -> None:
+        if beyond_span not in ("error", "hold", "repeat"):
+            raise InputError(
+                f"beyond_span = {beyond_span!r}: {choose(beyond_span, ('error', 'hold', 'repeat'))}"
+            )
+        self.label = field.label
+        self.beyond_span = beyond_span
+        self.seconds: np.ndarray | None = None
+        self._start = None
+        self._dates = None
+        if field.time is None:
+            return
+        found = coordinate(field.file, field.time)
+        if found is None:
+            raise InputError(f"{field.label}: its {field.time!r} has no times")
+        name, array = found
+        self._dates = np.atleast_1d(array.values)
+        where = f"{field.file.label}: {name}"
+        if not self._dates.size:
+            raise InputError(f"{where}: no records")
+        self._start = self._date(start, where) if start is not None else self._dates[0]
+        self.seconds = self._after_start(array, where)
+        bad = np.flatnonzero(~(np.diff(self.seconds) > 0))
+        if bad.size:
+            k = int(bad[0]) + 1
+            raise InputError(
+                f"{where}[{k}] = {_text(self._dates[k])} does not come after"
+                f" {_text(self._dates[k - 1])}: times must grow"
+            )
+
+    def _date(self, start: Date, where: str) -> object:
+        """`start` as the kind of date that the file has."""
+        kind = self._dates.dtype.kind
+        number = isinstance(start, (int, float)) and not isinstance(start, bool)
+        if kind not in "MO":
+            if not number:
+                raise InputError(
+                    f"{where}: start = {start!r}: the times are durations, so give a number of seconds"
+                )
+            return float(start)
+        if number:
+            raise InputError(f"{where}: start = {start!r}: give a date such as '1979-01-16'")
+        if kind == "O" and type(start).__module__.startswith("cftime"):
+            return start
+        try:
+            date = datetime.datetime.fromisoformat(str(start)[:26])
+        except ValueError:
+            raise InputError(
+                f"start = {start!r}: not a date; give one such as '1979-01-16' or '1979-01-16T18:00'"
+            ) from None
+        if date.tzinfo is not None:
+            date = date.astimezone(datetime.UTC).replace(tzinfo=None)
+        if kind == "M":
+            return np.datetime64(date, "ns")
+        fields = date.timetuple()[:6]
+        try:
+            return type(self._dates[0])(*fields, date.microsecond)
+        except ValueError as error:
+            raise InputError(f"{where}: start = {start!r}: {error} in the file's calendar") from None
+
+    def _after_start(self, array: object, where: str) -> np.ndarray:
+        dates, kind = self._dates, self._dates.dtype.kind
+        if kind == "M":
+            if np.isnat(dates).any():
+                raise InputError(f"{where}[{int(np.isnat(dates).argmax())}] is not a time")
+            return (dates - self._start) / np.timedelta64(1, "s")
+        if kind == "O":
+            return np.array([(d - self._start).total_seconds() for d in dates])
+        units = str(array.attrs.get("units", "")).lower().strip()
+        if units not in _DURATIONS:
+            raise InputError(
+                f"{where}: units = {units!r}: must be '<unit> since <date>', or s, min, h, days"
+            )
+        self._dates = dates = dates * _DURATIONS[units]
+        if not isinstance(self._start, float) or self._start is dates[0]:
+            self._start = float(dates[0])
+        return dates.astype(float) - self._start
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last time [s] for which there are data, None if for all times."""
+        if self.seconds is None or self.seconds.size == 1 or self.beyond_span != "error":
+            return None
+        return float(self.seconds[0]), float(self.seconds[-1])
+
+    def bracket(self, t: float) -> tuple[int, int, float]:
+        """The records before and after t [s], and the weight of the second.
+
+        Raises
+        ------
+        InputError
+            outside the file's times, naming them, unless `beyond_span` says what holds there.
+        """
+        if not np.isfinite(t):
+            raise InputError(f"{self.label}: t = {t}: must be a finite number of seconds")
+        if self.seconds is None or self.seconds.size == 1:
+            return 0, 0, 0.0
+        first, last = self.seconds[0], self.seconds[-1]
+        n = self.seconds.size
+        if self.beyond_span == "repeat":
+            interval = (last - first) / (n - 1)
+            t = first + (t - first) % (last - first + interval)
+            if t > last:
+                return n - 1, 0, float((t - last) / interval)
+        slack = 1e-9 * max(abs(first), abs(last), abs(t))
+        if self.beyond_span == "error" and not first - slack <= t <= last + slack:
+            raise InputError(
+                f"{self.label}: t = {t:g} s{self._at(t)} is outside the file's times, {self}"
+                " (start shifts them; beyond_span = 'hold' or 'repeat' goes on)"
+            )
+        t = min(max(t, first), last)
+        k = min(int(np.searchsorted(self.seconds, t, side="right")) - 1, n - 2)
+        return k, k + 1, float((t - self.seconds[k]) / (self.seconds[k + 1] - self.seconds[k]))
+
+    def date(self, record: int) -> str:
+        """The date of a record, as text."""
+        return "its only record" if self._dates is None else _text(self._dates[record])
+
+    def _at(self, t: float) -> str:
+        if self._dates is None or self._dates.dtype.kind == "f":
+            return ""
+        if self._dates.dtype.kind == "M":
+            return f" ({_text(self._start + np.timedelta64(round(t * 1e3), 'ms'))})"
+        return f" ({_text(self._start + datetime.timedelta(seconds=t))})"
+
+    def __str__(self) -> str:
+        if self.seconds is None:
+            return "without time"
+        if self.seconds.size == 1:
+            return f"one record, {self.date(0)}"
+        text = (
+            f"{self.date(0)} … {self.date(-1)}"
+            f" (t = {self.seconds[0]:g} … {self.seconds[-1]:g} s, {self.seconds.size} records)"
+        )
+        return text if self.beyond_span == "error" else f"{text}, then {self.beyond_span}"
+
+
+def _text(date: object) -> str:
+    if isinstance(date, np.datetime64):
+        text = str(np.datetime_as_string(date, unit="s"))
+    elif hasattr(date, "isoformat"):
+        text = date.isoformat()
+    else:
+        return f"{date:g} s"
+    return text.removesuffix(":00").removesuffix("T00:00")

@@ -1,0 +1,372 @@
+"""Coasts: land becomes polygons, and its shore a line of fixed floes that moving floes cannot pass.
+
+Fixed floes feel the same contact law as all others, so landfast ice, friction along a shore and arches in
+a strait need no law of their own.  A disc of radius R that touches the coastline from the land side has
+its centre on the coastline moved inland by R.  Centres there, less than R apart, make a shore whose envelope
+lies on the coastline.  Capes and spits that are too narrow for R get discs of R/2, R/4 and R/8; what is
+narrower still gets discs of R/8 on the coastline itself, which is the most that land can stick out.
+"""
+
+import itertools
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from floebmi.errors import InputError
+from floebmi.floes import FIXED, Floes
+
+if TYPE_CHECKING:
+    import shapely
+
+SPACING = 0.8  # of centres along the shore, in radii
+LINED = 1.1  # a place on the coastline is lined by a centre nearer than this, in radii
+SMALLEST = 3  # the narrowest capes get discs of radius / 2**SMALLEST
+
+
+class Coast(NamedTuple):
+    """Land and its shore.
+
+    Attributes
+    ----------
+    floes : fixed floes that line the shore
+    polygons : closed rings of shape (k, 2) [m]; a ring inside another is a lake, one in a lake an island
+    """
+
+    floes: Floes
+    polygons: list[np.ndarray]
+
+
+def from_land_fraction(
+    x: ArrayLike,
+    y: ArrayLike,
+    fraction: ArrayLike,
+    radius: float,
+    thickness: float = 10.0,
+    threshold: float = 0.5,
+) -> Coast:
+    """The coast where a gridded land fraction crosses a threshold.
+
+    The outermost cells are continued outwards, so that the shore reaches the rim of the grid and beyond it
+    by one radius; no floes stand along the rim itself.
+
+    Parameters
+    ----------
+    x, y : cell centres [m]: rows (nx,), (ny,), or arrays (ny, nx) on a curvilinear grid; rows may also be
+        cell edges (nx + 1,), (ny + 1,)
+    fraction : area fraction of land, 0 to 1, shape (ny, nx)
+    radius : of the floes on the shore [m]
+    thickness : of these floes [m]; the stiffness of a contact follows the thinner of two floes, so it should be
+        at least that of the thickest moving floe
+    threshold : land fraction on the coastline
+
+    Raises
+    ------
+    InputError
+        for shapes that do not fit and fractions that are not between 0 and 1.
+    """
+    import contourpy
+    import shapely
+
+    fraction = np.asarray(fraction, dtype=float)
+    if fraction.ndim != 2 or min(fraction.shape) < 2:
+        raise InputError(f"land fraction has shape {fraction.shape}; must be (ny, nx), at least 2 x 2")
+    wrong = ~((fraction >= 0) & (fraction <= 1))
+    if wrong.any():
+        row, column = (int(k[0]) for k in np.nonzero(wrong))
+        raise InputError(
+            f"land fraction[{row}, {column}] = {fraction[row, column]}; must be between 0 and 1"
+        )
+    if not 0 < threshold < 1:
+        raise InputError(f"threshold = {threshold}; must be between 0 and 1")
+    _check_size(radius, thickness)
+    x, y = _centres(x, y, fraction.shape)
+    rim = _outline(*_extended(x, y, 0.0))
+    x, y = _extended(x, y, 4.0 * radius)
+    generator = contourpy.contour_generator(
+        x, y, np.pad(fraction, 1, mode="edge"), fill_type="OuterOffset"
+    )
+    outlines, offsets = generator.filled(threshold, np.inf)
+    pieces = []
+    for points, offset in zip(outlines, offsets, strict=True):
+        rings = [points[a:b] for a, b in itertools.pairwise(offset)]
+        pieces.append(shapely.Polygon(rings[0], rings[1:]))
+    # a contour through a saddle touches itself in a point; buffer(0) parts it there and moves nothing
+    land = shapely.union_all(shapely.buffer(pieces, 0.0)) if pieces else shapely.MultiPolygon()
+    return _coast(land, radius, thickness, within=shapely.Polygon(rim).buffer(radius))
+
+
+def from_polygons(
+    polygons: Sequence[ArrayLike], radius: float, thickness: float = 10.0
+) -> Coast:
+    """The coast of land given by its rings.
+
+    Parameters
+    ----------
+    polygons : rings of shape (k, 2) [m], closed or not, in either direction; a ring inside another is a lake,
+        one inside a lake an island; rings that overlap are joined
+    radius, thickness : of the floes on the shore [m], see `from_land_fraction`
+
+    Raises
+    ------
+    InputError
+        naming the polygon that crosses itself, has no area or is not a ring.
+    """
+    _check_size(radius, thickness)
+    return _coast(land_geometry(polygons), radius, thickness)
+
+
+def from_geojson(
+    path: str | Path, radius: float, thickness: float = 10.0, projection: str | None = None
+) -> Coast:
+    """The coast of the Polygons and MultiPolygons in a GeoJSON file; other geometries are refused.
+
+    Parameters
+    ----------
+    path : of the file
+    radius, thickness : of the floes on the shore [m], see `from_land_fraction`
+    projection : of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in longitude and
+        latitude; None for a file in metres
+
+    Raises
+    ------
+    InputError
+        naming file and feature, where a geometry cannot be used, or looks like degrees without a projection.
+    """
+    import shapely
+
+    _check_size(radius, thickness)
+    land = shapely.MultiPolygon()
+    for name, geometry, _ in read_features(path, projection):
+        if geometry.geom_type not in ("Polygon", "MultiPolygon"):
+            raise InputError(f"{name}: {geometry.geom_type}; must be Polygon or MultiPolygon")
+        if not geometry.is_valid:
+            raise InputError(f"{name}: {shapely.is_valid_reason(geometry)}; must be a valid polygon")
+        land = land.union(geometry)
+    return _coast(land, radius, thickness)
+
+
+def land_geometry(polygons: Sequence[ArrayLike]) -> "shapely.Geometry":
+    """Rings as in `Coast.polygons` made one shapely geometry: land, less lakes, with the islands in them.
+
+    Raises
+    ------
+    InputError
+        as `from_polygons`.
+    """
+    import shapely
+
+    rings = []
+    for number, polygon in enumerate(polygons):
+        points = np.asarray(polygon, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+            raise InputError(
+                f"polygon {number} has shape {points.shape}; must be (k, 2) with at least 3 points"
+            )
+        if not np.isfinite(points).all():
+            row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+            raise InputError(f"polygon {number}, point {row} = {points[row]}; must be finite")
+        ring = shapely.Polygon(points)
+        if not ring.is_valid or ring.area == 0:
+            raise InputError(
+                f"polygon {number}: {shapely.is_valid_reason(ring)}; must not cross itself and must "
+                "have an area"
+            )
+        rings.append(ring)
+    land = shapely.MultiPolygon()
+    if not rings:
+        return land
+    _, inner = shapely.STRtree(rings).query(rings, predicate="contains_properly")
+    depth = np.bincount(inner, minlength=len(rings))
+    for level in range(int(depth.max()) + 1):
+        here = shapely.union_all([ring for ring, d in zip(rings, depth, strict=True) if d == level])
+        land = land.difference(here) if level % 2 else land.union(here)
+    return land
+
+
+def read_features(
+    path: str | Path, projection: str | None = None
+) -> list[tuple[str, "shapely.Geometry", dict]]:
+    """Features of a GeoJSON file: how an error should name each, its geometry [m], its properties.
+
+    Parameters
+    ----------
+    path, projection : as for `from_geojson`
+
+    Raises
+    ------
+    InputError
+        if the file is no GeoJSON, or its coordinates look like degrees and no projection is given.
+    """
+    import shapely
+    import shapely.geometry
+
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        kind = content["type"]
+        features = content["features"] if kind == "FeatureCollection" else [content]
+        if kind != "FeatureCollection" and kind != "Feature":
+            features = [{"geometry": content, "properties": {}}]
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: must be GeoJSON: a FeatureCollection, Feature or geometry") from None
+    found = []
+    for number, feature in enumerate(features):
+        name = f"{path}: feature {number}"
+        try:
+            geometry = shapely.geometry.shape(feature["geometry"])
+            properties = dict(feature.get("properties") or {})
+        except (AttributeError, KeyError, TypeError, ValueError, shapely.errors.ShapelyError):
+            raise InputError(f"{name}: has no geometry that can be read") from None
+        points = shapely.get_coordinates(geometry)
+        if not len(points) or not np.isfinite(points).all():
+            raise InputError(f"{name}: has no geometry that can be read")
+        found.append((name, shapely.force_2d(geometry), properties))
+    if not found:
+        raise InputError(f"{path}: holds no features")
+    if projection is not None:
+        return _projected(found, projection)
+    points = shapely.get_coordinates([geometry for _, geometry, _ in found])
+    if (abs(points[:, 0]) <= 360).all() and (abs(points[:, 1]) <= 90).all():
+        raise InputError(
+            f"{path}: all coordinates are within 360 and 90, so they look like degrees; give the "
+            "projection of the domain"
+        )
+    return found
+
+
+def _projected(
+    features: list[tuple[str, "shapely.Geometry", dict]], projection: str
+) -> list[tuple[str, "shapely.Geometry", dict]]:
+    import pyproj
+    import shapely
+
+    try:
+        transformer = pyproj.Transformer.from_crs("EPSG:4326", projection, always_xy=True)
+    except pyproj.exceptions.CRSError:
+        raise InputError(
+            f"projection = {projection!r}; must be a projection that pyproj reads, such as 'EPSG:3413'"
+        ) from None
+    moved = []
+    for name, geometry, properties in features:
+        geometry = shapely.transform(geometry, transformer.transform, interleaved=False)
+        if not np.isfinite(shapely.get_coordinates(geometry)).all():
+            raise InputError(f"{name}: has points outside the projection {projection!r}")
+        moved.append((name, geometry, properties))
+    return moved
+
+
+def _check_size(radius: float, thickness: float) -> None:
+    for name, value in (("radius", radius), ("thickness", thickness)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"coast {name} = {value} m; must be greater than 0")
+
+
+def _centres(
+    x: ArrayLike, y: ArrayLike, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cell centres of shape (ny, nx), from rows of centres or edges or from such arrays."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if x.shape == y.shape == shape:
+        return x, y
+    rows = []
+    for name, row, n in (("x", x, shape[1]), ("y", y, shape[0])):
+        if row.shape == (n + 1,):
+            row = (row[:-1] + row[1:]) / 2
+        if row.shape != (n,):
+            raise InputError(
+                f"{name} has shape {row.shape}; must be ({n},) centres or ({n + 1},) edges for a "
+                f"land fraction of shape {shape}"
+            )
+        rows.append(row)
+    return tuple(np.meshgrid(*rows))
+
+
+def _extended(x: np.ndarray, y: np.ndarray, beyond: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centres with a further line on each side, at the rim of the grid [half a cell out] and `beyond` it."""
+    for axis in (0, 1):
+        x, y = np.moveaxis(x, axis, 0), np.moveaxis(y, axis, 0)
+        sides = []
+        for first, second in ((0, 1), (-1, -2)):
+            dx, dy = x[first] - x[second], y[first] - y[second]
+            factor = 0.5 + beyond / np.hypot(dx, dy)
+            sides.append((x[first] + factor * dx, y[first] + factor * dy))
+        x = np.concatenate([[sides[0][0]], x, [sides[1][0]]])
+        y = np.concatenate([[sides[0][1]], y, [sides[1][1]]])
+        x, y = np.moveaxis(x, 0, axis), np.moveaxis(y, 0, axis)
+    return x, y
+
+
+def _outline(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The outermost points of a grid of points as a ring, shape (k, 2)."""
+    sides = [
+        np.stack([side_x, side_y], axis=1)
+        for side_x, side_y in (
+            (x[0, :-1], y[0, :-1]),
+            (x[:-1, -1], y[:-1, -1]),
+            (x[-1, :0:-1], y[-1, :0:-1]),
+            (x[:0:-1, 0], y[:0:-1, 0]),
+        )
+    ]
+    return np.concatenate(sides)
+
+
+def _coast(
+    land: "shapely.Geometry",
+    radius: float,
+    thickness: float,
+    within: "shapely.Geometry | None" = None,
+) -> Coast:
+    """Line the shore of some land; where `within` is given, only there."""
+    import shapely
+    from scipy.spatial import cKDTree
+
+    smallest = radius / 2**SMALLEST
+    shore = _along(land, smallest)
+    if within is not None:
+        shore = shore[shapely.contains_xy(within, shore)]
+    lined = np.zeros(len(shore), bool)
+    points, radii = [np.zeros((0, 2))], [np.zeros(0)]
+    for level in range(SMALLEST + 1):
+        size = radius / 2**level
+        # eighths of a quarter turn: the corners of the inner line stay within 0.5 % of the radius
+        centres = _along(land.buffer(-size, quad_segs=8), SPACING * size)
+        if not len(centres) or lined.all():
+            continue
+        far, _ = cKDTree(shore[~lined]).query(centres, distance_upper_bound=LINED * size)
+        centres = centres[np.isfinite(far)]
+        if not len(centres):
+            continue
+        near, _ = cKDTree(centres).query(shore, distance_upper_bound=LINED * size)
+        lined |= np.isfinite(near)
+        points.append(centres)
+        radii.append(np.full(len(centres), size))
+    # what is left is narrower than the smallest disc: line it on the coastline itself
+    tips = shore[~lined]
+    points.append(tips)
+    radii.append(np.full(len(tips), smallest))
+    x, y = np.concatenate(points).T
+    floes = Floes(x, y, np.concatenate(radii), thickness, motion=FIXED)
+    return Coast(floes, _rings(land))
+
+
+def _along(land: "shapely.Geometry", spacing: float) -> np.ndarray:
+    """Points on the rings of some land, evenly and at most `spacing` apart, shape (k, 2)."""
+    points = [np.zeros((0, 2))]
+    for ring in _rings(land):
+        reached = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))])
+        count = int(np.ceil(reached[-1] / spacing))
+        at = np.arange(count) * (reached[-1] / count)
+        points.append(np.stack([np.interp(at, reached, column) for column in ring.T], axis=1))
+    return np.concatenate(points)
+
+
+def _rings(land: "shapely.Geometry") -> list[np.ndarray]:
+    import shapely
+
+    return [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(land))]
