@@ -83,6 +83,8 @@ class Advance:
         self.forces, self.at, self.time = forces, list(at), time
         self.density, self.draft_fraction = density, draft_fraction
         self.period = domain.period
+        # only a pack without walls and edges may drift as a whole without a fresh list
+        self.still = self.walls is not None or None in self.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(4)
         self.buffer = np.empty(15 * BLOCK)
@@ -210,6 +212,8 @@ class Advance:
         """Advance by `duration` seconds, exactly."""
         self.floes.active[self._cross_edges()] = False
         self.start()
+        if self.state.feeders:
+            self._renew()
         done = 0.0
         while done < duration:
             done = self._some_steps(done, duration)
@@ -234,7 +238,7 @@ class Advance:
             self._count(n, dt)
             self._check(dt, done + taken * dt)
             if taken < steps:
-                self.travelled = strayed(self.packed, len(self.wall_floe) > 0)
+                self.travelled = strayed(self.packed, self.still)
                 if self.travelled > 0.7 * self._half_skin():
                     break
         reached = done + taken * dt

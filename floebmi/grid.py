@@ -59,7 +59,7 @@ def column(edges, first, x):
 
 @jit
 def bin_of(x, origin, scale, count):
-    """Bin along one axis; grows with x, so a point of a cell is never in a bin before the cell's."""
+    """Bin along one axis; it grows with x, so no point of a cell is in a bin before the cell's."""
     return int(min(max((x - origin) * scale, 0.0), count - 1.0))
 
 

@@ -199,6 +199,10 @@ class Model:
             )
         check(self.forces)
         check(self.contact or ())
+        if self.sampling not in ("overlap", "centre"):
+            raise InputError(
+                f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"
+            )
         if self.step.scheme not in ("verlet", "taylor2", "taylor3"):
             allowed = choose(self.step.scheme, ("verlet", "taylor2", "taylor3"))
             raise InputError(f"step.scheme = {self.step.scheme!r}: {allowed}")

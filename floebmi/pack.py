@@ -391,7 +391,7 @@ def _(law: None, period_x, period_y, place, pair_i, pair_j, slip, bonded):
 def strayed(packed: Packed, keep_still: bool) -> float:
     """Largest way of a floe since the list was made, relative to the pack's common drift [m].
 
-    keep_still : there are walls, which do not drift along
+    keep_still : there are walls or edges, which do not drift along
     """
     return float(
         np.sqrt(

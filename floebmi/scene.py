@@ -773,7 +773,7 @@ class Scene(Table):
     def _arrange(
         self, group: Any, k: int, domain: Domain, grid: Grid | None, land: list[np.ndarray]
     ) -> Floes:
-        from floebmi import packing
+        import floebmi.packing as packing
 
         seed = getattr(group, "seed", None)
         seed = self.seed + k if seed is None else seed
@@ -925,13 +925,15 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     text = read_text(path)
     tables = parse(text, str(path), yaml=_SUFFIXES[path.suffix])
     changes = tuple(parse_override(override) for override in overrides)
+    for name in ("floes", "inflow"):  # one table stands for a list of one
+        if isinstance(tables.get(name), dict):
+            tables[name] = [tables[name]]
     for change in changes:
         apply_override(tables, change, {"contact": "model"})
-    normal = dict(tables)
-    for name in ("floes", "inflow"):  # one table stands for a list of one
-        if isinstance(normal.get(name), dict):
-            normal[name] = [normal[name]]
-    read: Scene = validate(Scene, normal, str(path), changes, tables)
+    for name in ("floes", "inflow"):  # an override may have made the table
+        if isinstance(tables.get(name), dict):
+            tables[name] = [tables[name]]
+    read: Scene = validate(Scene, tables, str(path), changes)
     read._file = path
     read._text = text + "".join(f"\n# --set {change.text}" for change in changes)
     return read

@@ -90,6 +90,7 @@ class ByKey:
 
     def __init__(self, key: str, default: str | None):
         self.key, self.default = key, default
+        self.__name__ = key  # pydantic wants a name of a callable
 
     def __call__(self, value: Any) -> str | None:
         if isinstance(value, dict):
@@ -105,18 +106,16 @@ def one_of(key: str, tables: dict[str, Any], default: str | None = None) -> Any:
     return Annotated[Union[tuple(members)], Discriminator(ByKey(key, default))]  # noqa: UP007
 
 
-class WordOrTable:
-    """Tells a single word from a table, so that an error speaks of what was meant."""
-
-    def __call__(self, value: Any) -> str:
-        return _tag("table") if isinstance(value, (dict, BaseModel, tuple)) else _tag("word")
+def _word_or_table(value: Any) -> str:
+    # so that an error speaks of what was meant
+    return _tag("table") if isinstance(value, (dict, BaseModel, tuple)) else _tag("word")
 
 
 def word_or(words: Any, table: Any) -> Any:
     """The type of a key that holds either one of some words or a table."""
     return Annotated[
         Annotated[words, Tag(_tag("word"))] | Annotated[table, Tag(_tag("table"))],
-        Discriminator(WordOrTable()),
+        Discriminator(_word_or_table),
     ]
 
 
@@ -162,11 +161,14 @@ def _hints(declaration: Any) -> dict[str, Any]:
 
 
 def _members(hint: Any) -> list[tuple[str | None, Any]]:
-    """The declarations that a type allows, each with its tag; lists and tuples are looked into later."""
+    """The declarations that a type allows, each with its tag; behind a tag there may be more to choose."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
-        tags = [note.tag for note in notes if isinstance(note, Tag)]
-        return [(tags[0] if tags else tag, member) for tag, member in _members(inner)]
+        for k, note in enumerate(notes):
+            if isinstance(note, Tag):
+                others = (*notes[:k], *notes[k + 1 :])
+                return [(note.tag, Annotated[(inner, *others)] if others else inner)]
+        return _members(inner)
     if get_origin(hint) in (Union, types.UnionType):
         return [pair for member in get_args(hint) for pair in _members(member)]
     return [(None, hint)]
@@ -174,9 +176,11 @@ def _members(hint: Any) -> list[tuple[str | None, Any]]:
 
 def _tables_in(hint: Any) -> list[Any]:
     found: list[Any] = []
-    for _, member in _members(hint):
+    for tag, member in _members(hint):
         if _hints(member):
             found.append(member)
+        elif tag is not None:
+            found += _tables_in(member)
         elif get_origin(member) in (list, tuple):
             found += [table for item in get_args(member) for table in _tables_in(item)]
     return found
@@ -349,26 +353,14 @@ def validate(
     tables: dict[str, Any],
     name: str,
     overrides: tuple[Override, ...] = (),
-    given: dict[str, Any] | None = None,
 ) -> Any:
-    """Tables as the declared type, or InputError.
-
-    `given` is what the user wrote, if the tables were put into a normal form since then: errors show it.
-    """
+    """Tables as the declared type, or InputError that names the file, or the override that was wrong."""
     text = json.dumps(tables, default=str)
     try:
         return TypeAdapter(declaration).validate_json(text)
     except ValidationError as error:
         found = error.errors(include_url=False)
-        raise InputError(_one_line(declaration, found, given or tables, name, overrides)) from None
-
-
-def place_text(path: tuple, name: str) -> str:
-    """File and table of a path of keys and indices, as a person would look for it."""
-    table = ""
-    for part in path:
-        table = f"{table} number {part + 1}" if isinstance(part, int) else f"{table}.{part}"
-    return f"{name}: [{table.strip('.')}]" if table else f"{name}:"
+        raise InputError(_one_line(declaration, found, tables, name, overrides)) from None
 
 
 def _one_line(
@@ -376,17 +368,25 @@ def _one_line(
 ) -> str:
     by_path: dict[tuple, list] = {}
     for error in sorted(errors, key=lambda error: "extra" not in error["type"]):
-        by_path.setdefault(_path(error, tables), []).append(error)
+        by_path.setdefault(_path(declaration, error, tables), []).append(error)
     path, first = next(iter(by_path.items()))
     rest = f" (and {len(by_path) - 1} more)" if len(by_path) > 1 else ""
-    return _place(path, first[0], tables, name, overrides) + _message(declaration, first) + rest
+    to_blame = _override_of(path, overrides)
+    message = _message(declaration, first)
+    if to_blame is None:
+        return _place(path, first[0], tables, name) + message + rest
+    if first[0]["type"] == "value_error":  # of several keys together
+        return f"{_place(path, first[0], tables, name)}{message} (with --set {to_blame.text}){rest}"
+    return f"--set {to_blame.text}: {message}{rest}"
 
 
-def _path(error: Any, tables: Any) -> tuple:
+def _path(declaration: Any, error: Any, tables: Any) -> tuple:
     """Keys and indices of the user's own file; choices that pydantic made on the way are left out."""
     path: list[Any] = []
     node = tables
     loc = error["loc"]
+    if error["type"].startswith("union_tag"):
+        loc = (*loc, _key_of_choice(declaration, loc))
     for depth, part in enumerate(loc):
         known = (
             part in node
@@ -396,28 +396,49 @@ def _path(error: Any, tables: Any) -> tuple:
         if known:
             path.append(part)
             node = node[part]
-        elif depth == len(loc) - 1 and error["type"].startswith("missing"):
+        elif depth == len(loc) - 1 and error["type"].startswith(("missing", "union_tag")):
             path.append(part)
-    return tuple(path)
+    return tuple(part for part in path if part != "")
 
 
-def _place(path: tuple, error: Any, tables: Any, name: str, overrides: tuple[Override, ...]) -> str:
-    words = tuple(str(part) for part in path if not isinstance(part, int))
+def _key_of_choice(declaration: Any, loc: tuple) -> str:
+    found = map(_discriminator, _declared(declaration, loc))
+    return next((choice.key for choice in found if isinstance(choice, ByKey)), "")
+
+
+def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | None:
+    """The override that put the value of a path there, or a value inside it."""
+    words = tuple(part for part in path if not isinstance(part, int))
     for override in overrides:
-        keys_of = tuple(part for part in override.keys if not part.isdecimal())
-        unknown_table = "extra" in error["type"] and keys_of[: len(words)] == words
-        if words[: len(keys_of)] == keys_of or unknown_table:
-            return f"--set {override.text}: "
+        own = tuple(part for part in override.keys if not part.isdecimal())
+        if words and (words[: len(own)] == own or own[: len(words)] == words):
+            return override
+    return None
+
+
+def _place(path: tuple, error: Any, tables: Any, name: str) -> str:
+    """File, table, key and value of a path, as a person would look for them."""
     table, key = _split(path, tables)
-    where = place_text(table, name)
+    where = f"{name}: [{_table_name(table, tables)}]" if table else f"{name}:"
     if not key:
         return f"{where} "
-    if error["type"].startswith("missing"):
+    if _value(path, tables) is None:
         return f"{where} {key} "
     value = json.dumps(_value(path, tables), default=str, ensure_ascii=False)
     if len(value) > 60:
         value = value[:57] + "..."
     return f"{where} {key} = {value}: "
+
+
+def _table_name(path: tuple, tables: Any) -> str:
+    name, node = "", tables
+    for part in path:
+        if not isinstance(part, int):
+            name += f".{part}"
+        elif len(node) > 1:  # the only table of a list needs no number
+            name += f" number {part + 1}"
+        node = node[part]
+    return name.strip(".")
 
 
 def _split(path: tuple, tables: Any) -> tuple[tuple, str]:
@@ -486,16 +507,15 @@ def _message_of(declaration: Any, error: Any) -> str:
     if kind.startswith("union_tag"):
         hint = _declared(declaration, loc)[0]
         words = [str(tag).removeprefix("=") for tag, _ in _members(hint) if tag]
-        key = getattr(_discriminator(hint), "key", "")
         word = context.get("tag", "").removeprefix("=")
-        return f"{key} = {json.dumps(word)}: " * bool(key) + choose(word, words)
+        return ("" if word else "is missing; ") + choose(word, words)
     if kind in _BOUNDS:
         words_of, name = _BOUNDS[kind]
         return f"must be {words_of} {context[name]:g}"
     if kind in ("too_long", "too_short"):
         bound = context.get("max_length", context.get("min_length"))
         few = "at least " * (kind == "too_short")
-        return f"must have {few}{bound} entries"
+        return f"must be a list of {few}{bound} entries"
     if kind in ("model_type", "model_attributes_type", "named_tuple_type", "dict_type"):
         return "must be a table of keys"
     if kind == "value_error":

@@ -1,0 +1,179 @@
+"""Edges, walls, inflow; and that mass and momentum are booked on each of them."""
+
+import numpy as np
+import pytest
+
+from floebmi.boundaries import Domain, Inflow, Wall
+from floebmi.contact import Contact, Elastic, Restitution, frictional
+from floebmi.errors import InputError
+from floebmi.floes import COAST, Floes
+from floebmi.forces import AirDrag, BodyForce, OceanDrag
+from floebmi.model import Model
+from floebmi.sizes import SingleSize, UniformSize
+
+
+def box(west="inactive", south="inactive", size=100.0, **edges):
+    both = {"west": west, "east": west, "south": south, "north": south} | edges
+    return Domain((0.0, size), (0.0, size), **both)
+
+
+def assert_books_close(model, energy=2e-3):
+    for quantity in ("mass", "momentum_x", "momentum_y"):
+        assert model.ledger.balance(quantity).relative < 1e-12, quantity
+    assert model.ledger.balance("energy").relative < energy
+
+
+def test_a_floe_that_leaves_an_inactive_edge_is_disabled_and_its_mass_is_booked():
+    floes = Floes([50.0, 95.0], 50.0, 2.0, 1.0, u=[0.0, 1.0])
+    model = Model(box(), floes, contact=Contact())
+    model.advance(10.0)
+    assert floes.active.tolist() == [True, False]
+    assert model.ledger.accounts["outflow"][0] == pytest.approx(-floes.mass(934.0)[1])
+    assert_books_close(model)
+
+
+def test_a_floe_crosses_a_periodic_seam_and_stays_in_the_domain():
+    floes = Floes(95.0, 50.0, 2.0, 1.0, u=1.0)
+    model = Model(box(west="periodic"), floes, contact=Contact())
+    model.advance(10.0)
+    model.advance(1e-9)
+    assert floes.x[0] == pytest.approx(5.0, abs=1e-6) and floes.active.all()
+
+
+@pytest.mark.parametrize("edge, u, v", [("west", -1, 0), ("east", 1, 0), ("south", 0, -1), ("north", 0, 1)])
+def test_a_closed_edge_throws_a_floe_back(edge, u, v):
+    floes = Floes(50.0, 50.0, 5.0, 1.0, u=float(u), v=float(v))
+    model = Model(box(**{edge: "closed"}), floes, contact=Contact())
+    model.advance(60.0)
+    assert (floes.u[0], floes.v[0]) == pytest.approx((-u, -v), abs=0.01)
+    assert model.ledger.accounts["walls"][1] == pytest.approx(-2 * u * floes.mass(934.0)[0], rel=0.01, abs=1e-6)
+    assert_books_close(model, energy=1e-2)
+
+
+def test_a_moving_wall_does_the_work_that_the_floes_gain():
+    floes = Floes([20.0, 40.0], 50.0, 9.0, 1.0)
+    model = Model(box(), floes, contact=Contact(), walls=[Wall("west", position=0.0, velocity=2.0)])
+    model.advance(12.0)
+    assert model.wall_positions[0] == pytest.approx(24.0)
+    assert floes.u[1] > 2.0
+    assert model.ledger.accounts["walls"][3] > 0
+    assert_books_close(model, energy=1e-2)
+
+
+def packed_box(stress, law=Contact(dashpot=Restitution(0.2))):
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(10) * 2.0 + 1, np.arange(10) * 2.0 + 1))
+    domain = Domain((0.0, 20.0), (0.0, 30.0), "closed", "closed", "closed")
+    wall = Wall("north", position=20.2, normal_stress=stress)
+    return Model(domain, Floes(x, y, 1.0, 1.0), contact=law, walls=[wall])
+
+
+@pytest.mark.parametrize("stress", [1e4, 1e6])
+def test_a_loaded_wall_settles_at_its_stress_and_no_floe_passes_another(stress):
+    model = packed_box(stress)
+    for _ in range(40):
+        model.advance(1.0)
+    assert model.wall_stress()[0] == pytest.approx(stress, rel=0.05)
+    floes = model.floes
+    gaps = np.hypot(floes.x[:, None] - floes.x, floes.y[:, None] - floes.y) + 10 * np.eye(100)
+    assert gaps.min() > 1.5
+    assert_books_close(model)
+
+
+def test_without_its_load_the_same_wall_stays_where_it_was():
+    model = packed_box(None)
+    model.advance(5.0)
+    assert model.wall_positions[0] == 20.2
+
+
+def test_an_inflow_adds_floes_as_soon_as_there_is_room_and_books_their_mass():
+    inflow = Inflow("north", UniformSize(2.0, 4.0), thickness=1.5, velocity=(0.0, -0.5))
+    model = Model(box(), Floes([], [], [], []), contact=frictional(), inflow=inflow, seed=4)
+    for _ in range(30):
+        model.advance(10.0)
+    floes = model.floes
+    assert len(floes) > 60
+    assert (~floes.active).sum() > 5  # some left at the south
+    brought = model.ledger.accounts["inflow"][0]
+    assert brought == pytest.approx(floes.mass(934.0).sum(), rel=1e-12)
+    assert_books_close(model)
+    top = floes.y > 85
+    assert (np.pi * floes.radius[top] ** 2).sum() > 0.4 * 100 * 15  # the edge is kept full
+
+
+def test_the_same_seed_feeds_the_same_floes_and_another_seed_others():
+    def run(seed):
+        inflow = Inflow("north", UniformSize(2.0, 4.0), velocity=(0.0, -0.5))
+        model = Model(box(), Floes([], [], [], []), contact=Contact(), inflow=inflow, seed=seed)
+        model.advance(30.0)
+        return model.floes
+
+    assert np.array_equal(run(1).x, run(1).x)
+    assert len(run(1)) != len(run(2)) or not np.array_equal(run(1).x, run(2).x)
+
+
+def test_a_restart_feeds_on_with_the_same_bits():
+    def make():
+        inflow = Inflow("north", UniformSize(2.0, 4.0), velocity=(0.0, -0.5))
+        laws = dict(contact=frictional(), forces=[OceanDrag(), AirDrag()])
+        return Model(box(), Floes([], [], [], []), inflow=inflow, seed=5, **laws)
+
+    first = make()
+    first.advance(30.0)
+    second = make()
+    second.restore(first.state())
+    for model in (first, second):
+        model.advance(30.0)
+    assert len(first.floes) > 20
+    assert np.array_equal(first.floes.x, second.floes.x)
+
+
+def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
+    floes = Floes([0.0, 30.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
+    domain = Domain((-100.0, 100.0), (-100.0, 100.0))
+    model = Model(domain, floes, contact=Contact(), forces=[OceanDrag()])
+    model.ocean.u[:] = 0.5
+    assert model.ledger.start[0] == pytest.approx(floes.mass(934.0)[0])
+    model.advance(30.0)
+    assert floes.x[0] + 20.0 < floes.x[1] + 0.5 and floes.x[1] == 30.0
+    fields = model.fields()
+    assert (fields["area_fraction"] * model.grid.area).sum() == pytest.approx(np.pi * 100, rel=1e-9)
+    assert model._at[0].booked.x[1] == 0.0
+    assert_books_close(model)
+
+
+def test_sand_settles_under_a_body_force_in_a_closed_box():
+    floes = Floes(np.arange(5) * 4.0 + 2, 10.0, 1.5, 1.0)
+    domain = Domain((0.0, 20.0), (0.0, 20.0), "closed", "closed", "closed", "closed")
+    law = Contact(Elastic(2e5), dashpot=Restitution(0.3))
+    model = Model(domain, floes, contact=law, forces=[BodyForce(0.0, -0.5)])
+    model.advance(60.0)
+    assert floes.y == pytest.approx(1.5, abs=0.02)
+    assert_books_close(model)
+
+
+@pytest.mark.parametrize(
+    "make, word",
+    [
+        (lambda: Domain((0, 1), (0, 1), west="open"), "domain.west = 'open'"),
+        (lambda: Domain((0, 1), (0, 1), west="periodic"), "both or neither"),
+        (lambda: Domain((1, 0), (0, 1)), "domain.x"),
+    ],
+)
+def test_a_domain_that_cannot_be_is_refused(make, word):
+    with pytest.raises(InputError, match=word):
+        Model(make(), Floes(0.5, 0.5, 0.1, 1.0))
+
+
+@pytest.mark.parametrize(
+    "laws, word",
+    [
+        (dict(walls=[Wall("up")]), "wall.edge = 'up'"),
+        (dict(walls=[Wall("west"), Wall("west")]), "two walls"),
+        (dict(walls=[Wall("west")], contact=None), "contact law"),
+        (dict(inflow=Inflow("west", SingleSize(80.0))), "narrower"),
+        (dict(sampling="exact"), "sampling"),
+    ],
+)
+def test_walls_and_inflows_that_cannot_be_are_refused(laws, word):
+    with pytest.raises(InputError, match=word):
+        Model(box(), Floes(50.0, 50.0, 1.0, 1.0), **({"contact": Contact()} | laws))

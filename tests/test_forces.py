@@ -1,0 +1,217 @@
+"""Drag and the other forces: exact solutions, presets, torques, and the impulse that is given back."""
+
+import numpy as np
+import pytest
+
+from floebmi.boundaries import Domain
+from floebmi.contact import Contact, frictional
+from floebmi.errors import InputError
+from floebmi.floes import FIXED, Floes
+from floebmi.forces import (
+    DRAG_PRESETS,
+    AirDrag,
+    AtFloes,
+    BodyForce,
+    Booked,
+    Coriolis,
+    CoriolisField,
+    OceanDrag,
+    Tilt,
+    acceleration,
+    at_floes,
+    bulk_coefficient,
+)
+from floebmi.grid import Grid
+from floebmi.model import Model
+
+DOMAIN = Domain((-1e6, 1e6), (-1e6, 1e6))
+
+
+def one(radius=100.0, thickness=1.0, u=0.0, v=0.0, rotation=False, **laws):
+    return Model(DOMAIN, Floes(0.0, 0.0, radius, thickness, u, v), rotation=rotation, **laws)
+
+
+def printed_ocean_rate(radius, thickness):
+    """K/m from Eq. 12 as printed [1/m]."""
+    k = np.pi * 1000.0 * (0.14 * 2 * radius * 0.9 * thickness + 1.6e-4 * radius**2)
+    return k / (934.0 * np.pi * radius**2 * thickness)
+
+
+@pytest.mark.parametrize("contact", [None, Contact()])
+@pytest.mark.parametrize("duration", [1.0, 600.0, 86400.0])
+def test_a_floe_in_still_water_slows_down_as_the_exact_solution(contact, duration):
+    if contact and duration > 600:
+        pytest.skip("many steps for the same statement")
+    model = one(u=0.3, v=-0.4, forces=[OceanDrag()], contact=contact)
+    model.advance(duration)
+    slowed = 0.5 / (1 + 0.5 * printed_ocean_rate(100.0, 1.0) * duration)
+    # sub-steps follow the exact solution, each of them
+    assert np.hypot(model.floes.u, model.floes.v)[0] == pytest.approx(slowed, rel=1e-12)
+
+
+def test_free_drift_is_that_of_the_printed_coefficients():
+    model = one(885.6, forces=[OceanDrag(), AirDrag()])
+    model.atmosphere.u[:] = 30.0
+    model.advance(5 * 86400.0)
+    assert model.floes.u[0] == pytest.approx(0.490, abs=5e-4)
+
+
+def test_a_tiny_floe_with_an_hours_step_does_not_overshoot():
+    model = one(1.0, forces=[OceanDrag()])
+    model.ocean.u[:] = 2.0
+    speeds = []
+    for _ in range(50):
+        model.advance(3600.0)
+        speeds.append(model.floes.u[0])
+    assert (np.diff(speeds) > 0).all() and max(speeds) < 2.0
+    assert speeds[-1] == pytest.approx(2.0, rel=0.01)
+    gained = model.floes.mass(934.0)[0] * model.floes.u[0]
+    assert -model.ocean.impulse_x.sum() == pytest.approx(gained, rel=1e-12)
+
+
+def test_explicit_drag_would_overshoot_there():
+    rate = printed_ocean_rate(1.0, 1.0)
+    assert 0.0 + 3600.0 * rate * 2.0**2 > 2.0
+
+
+@pytest.mark.parametrize("wind", [40.0, 5.0])
+def test_a_light_floe_under_a_sudden_wind_never_outruns_its_free_drift(wind):
+    model = one(5.0, 0.05, forces=[OceanDrag(), AirDrag()])
+    model.atmosphere.u[:] = wind
+    ocean, air = OceanDrag(), AirDrag()
+    k = [
+        drag.density * bulk_coefficient(drag, 5.0, side)
+        for drag, side in ((ocean, 0.045), (air, 0.005))
+    ]
+    nansen = np.sqrt(k[1] / k[0])
+    drift = wind * nansen / (1 + nansen)
+    for _ in range(20):
+        model.advance(1800.0)
+        assert 0 < model.floes.u[0] <= drift * (1 + 1e-9)
+    assert model.floes.u[0] == pytest.approx(drift, rel=1e-6)
+
+
+def test_coriolis_turns_without_work():
+    model = one(u=1.0, forces=[Coriolis(1e-4)])
+    model.advance(2 * np.pi / 1e-4 / 4)
+    assert model.floes.u[0] ** 2 + model.floes.v[0] ** 2 == pytest.approx(1.0, rel=1e-12)
+    assert (model.floes.u[0], model.floes.v[0]) == (pytest.approx(0, abs=1e-2), pytest.approx(-1, abs=1e-3))
+
+
+def test_a_tilted_sea_surface_pulls_downhill():
+    model = one(forces=[Tilt()])
+    model.ocean.tilt_x[:] = 1e-6
+    model.advance(100.0)
+    assert model.floes.u[0] == pytest.approx(-9.81e-6 * 100, rel=1e-12)
+
+
+def test_a_geostrophic_current_carries_a_floe_with_it():
+    f, u = 1.4e-4, 0.2
+    model = one(u=u, forces=[OceanDrag(), CoriolisField(), Tilt()])
+    model.ocean.u[:], model.ocean.coriolis[:] = u, f
+    model.ocean.tilt_y[:] = -f * u / 9.81
+    model.advance(86400.0)
+    assert (model.floes.u[0], model.floes.v[0]) == pytest.approx((u, 0.0), abs=1e-12)
+
+
+def test_a_body_force_is_an_acceleration():
+    model = one(forces=[BodyForce(0.0, -0.5)])
+    model.advance(4.0)
+    assert model.floes.v[0] == pytest.approx(-2.0)
+    assert model.floes.y[0] == pytest.approx(-4.0, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    "force", [OceanDrag(), AirDrag(), Coriolis(1e-4), CoriolisField(), Tilt(), BodyForce(1.0, 2.0)]
+)
+def test_the_derivative_of_each_force_is_exact(force):
+    numbers = [np.array([value]) for value in (0.3, -0.2, 0.02)]
+    at = AtFloes(Booked(*(np.zeros(1) for _ in range(3))), *numbers)
+    u, v, d = 0.1, 0.25, 1e-6
+    here = acceleration(force, at, 0, u, v)
+    for (du, dv), slope in (((d, 0), (here.xx, here.yx)), ((0, d), (here.xy, here.yy))):
+        ahead, behind = (acceleration(force, at, 0, u + s * du, v + s * dv) for s in (1, -1))
+        measured = (ahead.x - behind.x) / (2 * d), (ahead.y - behind.y) / (2 * d)
+        assert measured == pytest.approx(slope, rel=1e-6, abs=1e-9)
+
+
+def test_the_presets_are_those_of_the_table():
+    radius, draft = np.array([50.0]), np.array([0.9])
+    coefficient = {name: bulk_coefficient(o, radius, draft)[0] for name, (o, a) in DRAG_PRESETS.items()}
+    assert coefficient["damsgaard2018"] == pytest.approx(5.2e-3, rel=0.01)
+    ocean, _ = DRAG_PRESETS["granular.jl-0.3.2"]
+    newtons = np.pi * 1000 * 50.0**2 * bulk_coefficient(ocean, radius, draft)[0]
+    assert newtons == pytest.approx(1000 * (0.5 * 0.85 * 2 * 50 * 0.9 + 5e-4 * 4 * 50.0**2), rel=1e-12)
+    assert coefficient["constant-cd"] == 5.5e-3
+
+
+def test_vorticity_spins_a_floe_up_to_half_the_curl_and_no_further():
+    grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), spacing=100.0)
+    floes = Floes(50.0, 50.0, 100.0, 1.0)
+    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid, rotation=True)
+    model.ocean.u[:], model.ocean.v[:] = -1e-3 * grid.y, 1e-3 * grid.x
+    spins = []
+    for _ in range(30):
+        floes.x[:], floes.y[:] = 50.0, 50.0
+        model.advance(7200.0)
+        spins.append(floes.angular_velocity[0])
+    assert (np.diff(spins) > 0).all() and 0.9e-3 < spins[-1] < 1e-3
+
+
+def test_a_fast_spin_decays_monotonically():
+    floes = Floes(0.0, 0.0, 10.0, 1.0, rotation=True, angular_velocity=5.0)
+    model = Model(DOMAIN, floes, forces=[OceanDrag()], contact=None, rotation=True)
+    spins = [5.0]
+    for _ in range(20):
+        model.advance(10.0)
+        spins.append(floes.angular_velocity[0])
+    assert (np.diff(spins) < 0).all() and spins[-1] > 0
+
+
+def test_torque_has_the_papers_size():
+    floes = Floes(0.0, 0.0, 200.0, 1.5, rotation=True)
+    at = at_floes(
+        OceanDrag(), floes.radius, floes.thickness, 0.9 * floes.thickness, 934.0, True, floes.land
+    )
+    slip = 1e-3
+    torque = floes.moment_of_inertia(934.0)[0] * at.spin_rate[0] * slip**2
+    printed = np.pi * 200.0**4 * 1000 * (200.0 / 5 * 1.6e-4 + 1.35 * 0.14) * slip**2
+    assert torque == pytest.approx(printed, rel=1e-12)
+
+
+def test_what_the_floes_gain_is_what_the_fluids_lose_also_on_a_fixed_floe():
+    floes = Floes([0.0, 300.0], 0.0, 100.0, 1.0, motion=[0, FIXED])
+    grid = Grid.uniform((-1e4, 1e4), (-1e4, 1e4), spacing=400.0)
+    model = Model(DOMAIN, floes, forces=[OceanDrag(), AirDrag()], grid=grid, contact=frictional())
+    model.ocean.u[:], model.atmosphere.v[:] = 0.4, 12.0
+    model.advance(300.0)
+    for axis, held in ((1, "x"), (2, "y")):
+        fluids = model.ocean, model.atmosphere
+        given = -sum(getattr(fluid, f"impulse_{held}").sum() for fluid in fluids)
+        accounts = model.ledger.accounts
+        booked = accounts["ocean drag"][axis] + accounts["wind"][axis]
+        assert given == pytest.approx(booked, rel=1e-12)
+    assert model.ledger.balance("momentum_x").relative < 1e-12
+    assert accounts["held floes and coast"][1] < 0
+
+
+def test_nan_in_a_wet_cell_is_refused_with_field_cell_and_time_and_nothing_moves():
+    model = one(forces=[OceanDrag()], u=0.1)
+    model.ocean.u[0] = np.nan
+    with pytest.raises(InputError, match=r"ocean\.u: nan in wet cell 0 at t = 0 s"):
+        model.advance(10.0)
+    assert model.time == 0.0 and model.floes.x[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    "forces, word",
+    [
+        ([OceanDrag(density=-1.0)], "OceanDrag.density"),
+        ([OceanDrag(), OceanDrag()], "listed 2 times"),
+        ([Coriolis(1e-4), CoriolisField()], "exclude"),
+        (["wind"], "is not a force"),
+    ],
+)
+def test_forces_that_cannot_be_right_are_refused(forces, word):
+    with pytest.raises(InputError, match=word):
+        one(forces=forces)

@@ -1,0 +1,190 @@
+"""The model as a whole: what is absent is absent, overlaps are refused, books close, calls may be split."""
+
+import numba
+import numpy as np
+import pytest
+
+from floebmi import dynamics
+from floebmi.boundaries import Domain
+from floebmi.contact import Contact, cohesive, frictional, prepare
+from floebmi.errors import InputError
+from floebmi.floes import Floes
+from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag, at_floes
+from floebmi.grid import Grid
+from floebmi.kernels import FASTMATH
+from floebmi.model import Model
+from floebmi.overlaps import overlapping
+
+DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
+
+
+def pair(**laws):
+    return Model(DOMAIN, Floes([0.0, 20.5], 0.0, 10.0, 1.0, u=[0.1, 0.0]), **laws)
+
+
+def packed(**laws):
+    now = pair(**laws)._now()
+    return now.packed, now.pairs
+
+
+def test_arrays_of_physics_that_is_not_listed_do_not_exist():
+    elastic, pairs = packed(contact=Contact())
+    assert elastic.place.dtype.names == ("x", "y", "r", "h")
+    assert elastic.moving is elastic.spinning is elastic.angle is elastic.inertia is None
+    assert pairs.slip is pairs.bonded is None
+    bonded, pairs = packed(contact=cohesive())
+    assert bonded.place.dtype.names == ("x", "y", "r", "h") and bonded.force.dtype.names == ("x", "y")
+    assert pairs.slip is None and pairs.bonded is not None
+    rubbing, pairs = packed(contact=frictional())
+    assert "omega" in rubbing.place.dtype.names and "torque" in rubbing.force.dtype.names
+    assert pairs.bonded is None and pairs.slip is not None
+    drifting = pair()
+    assert drifting.ocean is drifting.atmosphere is drifting.floes.angle is None
+    assert drifting._at == () and drifting._now().walls is None
+    windy = pair(forces=[AirDrag(), BodyForce(1.0)])
+    assert windy.ocean is None and windy.atmosphere.tilt_x is windy.atmosphere.coriolis is None
+
+
+def machine_code(function, *arguments):
+    compiled = numba.njit(fastmath=FASTMATH, error_model="numpy")(function)
+    compiled(*arguments)
+    return compiled.inspect_llvm(compiled.signatures[0])
+
+
+def push_code(*forces):
+    f = Floes(0.0, 0.0, 10.0, 1.0)
+    at = tuple(
+        at_floes(force, f.radius, f.thickness, 0.9 * f.thickness, 934.0, False, f.land)
+        for force in forces
+    )
+    arguments = (forces, at, 0, 0.1, 0.0, 1.0, True, True, 1.0, np.zeros(3))
+    return machine_code(dynamics.push.py_func, *arguments)
+
+
+def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
+    assert "sqrt" in push_code(OceanDrag())
+    assert "sqrt" not in push_code(Coriolis(1e-4))
+    assert len(push_code()) < len(push_code(Coriolis(1e-4))) < len(push_code(OceanDrag(), AirDrag()))
+
+
+def contact_code(law):
+    arguments = (law, -0.1, 0.0, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.1)
+    return machine_code(dynamics.pair_force.py_func, *arguments)
+
+
+def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed():
+    from floebmi.contact import Restitution
+
+    lengths = {
+        name: contact_code(prepare(law)).count("fmul")
+        for name, law in {
+            "elastic": Contact(),
+            "bonds": cohesive(),
+            "friction": frictional(),
+            "dashpot": Contact(dashpot=Restitution(0.5)),
+        }.items()
+    }
+    assert lengths["elastic"] < min(lengths[n] for n in ("bonds", "friction", "dashpot"))
+    assert "sqrt" in contact_code(prepare(Contact(dashpot=Restitution(0.5))))
+    assert "sqrt" not in contact_code(prepare(frictional()))
+
+
+def test_the_tree_names_what_is_there_and_what_is_absent():
+    text = repr(pair(contact=cohesive(), forces=[OceanDrag()]))
+    assert "TensileStrength" in text and "OceanDrag" in text
+    absent = text.splitlines()[-1]
+    assert "friction" in absent and "wind" in absent and "bonds" not in absent
+
+
+def test_floes_that_lie_over_each_other_are_refused_with_the_worst_pairs():
+    floes = Floes([0.0, 15.0, 40.0], 0.0, 10.0, 1.0)
+    with pytest.raises(InputError, match="floes 0 and 1 by 5 m"):
+        Model(DOMAIN, floes, contact=Contact())
+    Model(DOMAIN, floes)  # without contacts it does not matter
+    assert [pair[:2] for pair in overlapping(floes, DOMAIN)] == [(0, 1)]
+
+
+@pytest.mark.parametrize("duration", [-1.0, np.nan, np.inf])
+def test_a_duration_that_cannot_be_is_refused(duration):
+    with pytest.raises(InputError, match="duration"):
+        pair().advance(duration)
+
+
+def test_no_time_changes_nothing_and_any_time_is_met_exactly():
+    model = pair(contact=frictional(), forces=[OceanDrag()])
+    before = model.state()
+    model.advance(0.0)
+    assert all(np.array_equal(before[key], value) for key, value in model.state().items())
+    for duration in (1e-9, 0.3 * model.longest_step(), 7.0):
+        start = model.time
+        model.advance(duration)
+        assert model.time == start + duration
+
+
+def test_any_split_of_an_interval_gives_the_same_impulse():
+    def run(parts):
+        model = pair(contact=frictional(), forces=[OceanDrag(), AirDrag()])
+        model.ocean.v[:], model.atmosphere.u[:] = 0.3, 15.0
+        for _ in range(parts):
+            model.advance(12.0 / parts)
+        return np.array([model.ocean.impulse_x.sum(), model.ocean.impulse_y.sum()])
+
+    assert run(7) == pytest.approx(run(1), rel=2e-3)
+    assert np.array_equal(run(5), run(5))
+
+
+def test_edits_between_exchanges_are_an_account_of_their_own():
+    model = pair(contact=Contact())
+    model.advance(1.0)
+    model.floes.u[0] += 0.5
+    model.advance(1.0)
+    gained = 0.5 * model.floes.mass(934.0)[0]
+    assert model.ledger.accounts["edits by the user"][1] == pytest.approx(gained)
+    assert model.ledger.balance("momentum_x").relative < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["uniform", "rectilinear", "curvilinear", "unstructured"])
+@pytest.mark.parametrize("sampling", ["overlap", "centre"])
+def test_momentum_closes_on_every_grid_with_land(kind, sampling):
+    rng = np.random.default_rng(2)
+    edges = np.linspace(-100.0, 100.0, 9)
+    x, y = np.meshgrid(edges, edges)
+    x, y = x + 3 * np.sin(y / 40), y + 3 * np.cos(x / 30)
+    wet = rng.uniform(size=64) > 0.3
+    grid = {
+        "uniform": lambda: Grid.uniform((-100, 100), (-100, 100), shape=(8, 8), wet=wet),
+        "rectilinear": lambda: Grid.rectilinear(edges, np.sign(edges) * edges**2 / 100, wet=wet),
+        "curvilinear": lambda: Grid.curvilinear(x, y, wet=wet),
+        "unstructured": lambda: Grid.unstructured(
+            x.ravel(), y.ravel(),
+            [[j * 9 + i, j * 9 + i + 1, j * 9 + i + 10, j * 9 + i + 9] for j in range(8) for i in range(8)],
+            wet=wet,
+        ),
+    }[kind]()  # fmt: skip
+    px, py = (a.ravel() for a in np.meshgrid(np.arange(-80, 81, 20.0), np.arange(-80, 81, 20.0)))
+    floes = Floes(px, py, rng.uniform(1.0, 9.0, 81), 1.0, u=rng.normal(0, 0.2, 81))
+    model = Model(DOMAIN, floes, contact=frictional(), forces=[OceanDrag(), AirDrag()], grid=grid,
+                  sampling=sampling)  # fmt: skip
+    model.ocean.u[:], model.atmosphere.v[:] = rng.normal(0, 0.3, 64), 10.0
+    for _ in range(3):
+        model.advance(20.0)
+    for axis, name in ((0, "x"), (1, "y")):
+        for fluid, account in ((model.ocean, "ocean drag"), (model.atmosphere, "wind")):
+            given = getattr(fluid, f"impulse_{name}").sum() + fluid.undelivered[axis]
+            taken = model.ledger.accounts[account][1 + axis]
+            scale = np.abs(getattr(fluid, f"impulse_{name}")).sum()
+            assert abs(given + taken) <= 1e-12 * scale
+        assert model.ledger.balance(f"momentum_{name}").relative < 1e-12
+    assert not np.any(model.ocean.impulse_x[~grid.wet])
+    fields = model.fields()
+    covered = ((fields["area_fraction"] + fields["overlap_fraction"]) * grid.area).sum()
+    assert covered + model.coverage().outside.sum() == pytest.approx(floes.area.sum(), rel=1e-12)
+    assert all(np.isfinite(values).all() for values in fields.values())
+
+
+def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
+    model, other = pair(contact=Contact()), pair(contact=frictional())
+    before = model.floes.x.copy()
+    with pytest.raises(InputError, match="does not fit this scene"):
+        model.restore(other.state())
+    assert np.array_equal(model.floes.x, before)
