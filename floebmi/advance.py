@@ -114,7 +114,11 @@ class Advance:
         )  # fmt: skip
         state.counters.rebuilds += 1
 
+    def _walls_strayed(self) -> float:
+        return float(np.abs(self.state.walls.position - self.walls_first).max(initial=0.0))
+
     def _list_walls(self) -> None:
+        self.walls_first = self.state.walls.position.copy()
         place, floes, numbers = self.packed.place, [], []
         if self.contact is not None:
             near = place.r + self.skin
@@ -210,9 +214,9 @@ class Advance:
 
     def run(self, duration: float) -> None:
         """Advance by `duration` seconds, exactly."""
-        self.floes.active[self._cross_edges()] = False
+        leaving = self._cross_edges()
         self.start()
-        if self.state.feeders:
+        if len(leaving) or self.state.feeders:
             self._renew()
         done = 0.0
         while done < duration:
@@ -238,7 +242,7 @@ class Advance:
             self._count(n, dt)
             self._check(dt, done + taken * dt)
             if taken < steps:
-                self.travelled = strayed(self.packed, self.still)
+                self.travelled = max(strayed(self.packed, self.still), self._walls_strayed())
                 if self.travelled > 0.7 * self._half_skin():
                     break
         reached = done + taken * dt

@@ -228,5 +228,6 @@ def pair_force(
     f_n = (damped if now_bonded > 0.0 else max(damped, 0.0)) if touching else 0.0
     f_t, kept, friction_loss = tangential(law.friction, k_n, f_n, slip, slip_rate, dt)
     bond_loss = 0.5 * k_n * gap * gap if bonded > 0.0 and not touching else 0.0
-    dashpot_loss = (elastic - f_n) * opening * dt
+    # the force acts until the middle of the next step: with the mean of the rates before and after it
+    dashpot_loss = (elastic - f_n) * (opening + 0.5 * dt * inverse_mass * f_n) * dt
     return PairForce(f_n, f_t, kept, now_bonded, friction_loss, dashpot_loss, bond_loss)

@@ -306,7 +306,7 @@ def internal_stress(
     Parameters
     ----------
     x, y : (contacts,) where branches begin: the *centre of floe i* [m]
-    dx, dy : (contacts,) branch: centre of j − centre of i [m]; at a wall, its contact point − centre
+    dx, dy : (contacts,) branch: centre of j − centre of i [m]; at a wall, contact point − centre
     fx, fy : (contacts,) contact force on floe i [N]; it points away from j in compression
     period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
 

@@ -35,6 +35,7 @@ from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, Oc
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Positive, PositiveFraction
+from floebmi.run import check_intervals
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
 from floebmi.sizes import from_file as sizes_from_file
 from floebmi.tables import (
@@ -290,6 +291,9 @@ class FromFile(Group):
 
     arrangement: Literal["file"] = "file"
     file: ScenePath = Field(description="CSV or GeoJSON of floes")
+    thickness: Positive | None = Field(
+        None, description="of all floes [m], for a file that has none"
+    )
 
 
 class OneFloe(Table):
@@ -508,7 +512,6 @@ class Output(Table):
     trajectories: bool = Field(True, description="NetCDF of the floes")
     picture: bool = Field(True, description="PNG of the last frame")
     paraview: bool = Field(False, description="ParaView files of all frames")
-    restart: bool = Field(False, description="restart file at the end")
 
 
 class Schedule(NamedTuple):
@@ -803,7 +806,9 @@ class Scene(Table):
                 land=land or None,
             )  # fmt: skip
         if isinstance(group, FromFile):
-            return packing.read_floes(self._file.parent / group.file)
+            return packing.read_floes(
+                self._file.parent / group.file, group.thickness, self.domain.projection
+            )
         return _listed(group.each)
 
     def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
@@ -867,17 +872,6 @@ def _paths_in(table: Table) -> Iterator[str]:
         for inner in value if isinstance(value, list) else [value]:
             if isinstance(inner, Table):
                 yield from _paths_in(inner)
-
-
-def check_intervals(every: float, exchange: float, where: str) -> None:
-    """Refuse an exchange interval that does not divide the interval between frames."""
-    times = every / exchange
-    if round(times) < 1 or abs(times - round(times)) > 1e-9 * times:
-        fitting = every / max(1, math.ceil(times))
-        raise InputError(
-            f"{where} = {exchange:g}: must divide the time between frames, {every:g} s;"
-            f" {fitting:g} would"
-        )
 
 
 # ---- reading ----------------------------------------------------------------------------------

@@ -140,8 +140,9 @@ def test_arrays_of_a_grid_cannot_be_overwritten():
 
 def test_a_callers_array_stays_the_callers_own():
     edges = np.array([0.0, 1.0, 2.0])
-    Grid.rectilinear(edges, edges)
+    grid = Grid.rectilinear(edges, edges)
     edges[0] = -1.0
+    assert grid.x_edges[0] == 0
 
 
 SQUARE = ([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])

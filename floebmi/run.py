@@ -1,0 +1,413 @@
+"""Forcing → advance → write, again and again, with a meter.
+
+A run is what a host model would do with the component: fill the fluids' arrays, advance by one exchange
+interval, look at the result.  The forcing of an interval is the one in its middle.  Whatever ends a run
+early (Ctrl-C, an unstable step, forcing that ends too soon, a full disk), the frames written so far are
+readable, and the state at the last exchange is saved if a place for it was given.
+"""
+
+import contextlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from floebmi.errors import InputError
+
+if TYPE_CHECKING:
+    from floebmi.advance import Counters
+    from floebmi.budgets import Ledger
+    from floebmi.forcing import Source
+    from floebmi.model import Model
+
+DAY = 86400.0
+
+
+class WallTime(NamedTuple):
+    """Where the time of a run went [s]."""
+
+    forcing: float
+    ice: float
+    output: float
+    total: float
+
+
+class Report(NamedTuple):
+    """What a run did.
+
+    Attributes
+    ----------
+    finished : False if it was stopped before its end
+    start, end : simulated time [s]
+    wall : seconds on the clock, by what they were spent on
+    floe_steps : steps of all floes, in this run
+    counters : of the model, since its start
+    ledger : mass, momentum and energy of the ice
+    files : what was written
+    """
+
+    finished: bool
+    start: float
+    end: float
+    wall: WallTime
+    floe_steps: int
+    counters: "Counters"
+    ledger: "Ledger"
+    files: tuple[Path, ...]
+
+    def __str__(self) -> str:
+        speed = self.floe_steps / self.wall.ice if self.wall.ice else 0.0
+        lines = [
+            f"{duration_text(self.end - self.start)} simulated in {self.wall.total:.1f} s: "
+            f"{self.counters.steps} steps since the start, "
+            f"{self.counters.shortest_step:.3g} to {self.counters.longest_step:.3g} s long; "
+            f"{speed / 1e6:.1f} million floe-steps/s",
+            str(self.ledger),
+        ]
+        return "\n".join(lines)
+
+    def profile(self) -> str:
+        """A table of where the time went, and of what was counted."""
+        c, wall = self.counters, self.wall
+        rest = wall.total - wall.forcing - wall.ice - wall.output
+        per_floe_step = 1e9 / self.floe_steps if self.floe_steps else 0.0
+        rows = [
+            (name, f"{seconds:.2f} s", f"{seconds / wall.total:.0%}")
+            for name, seconds in (
+                ("forcing", wall.forcing), ("ice", wall.ice), ("output", wall.output), ("rest", rest)
+            )
+        ]  # fmt: skip
+        rows += [
+            ("ice, each floe-step", f"{wall.ice * per_floe_step:.1f} ns", ""),
+            ("steps", f"{c.steps}", ""),
+            ("floe-steps", f"{c.floe_steps}", ""),
+            ("renewals of the pair list", f"{c.rebuilds}", f"{_ratio(c.steps, c.rebuilds):.0f} steps each"),
+            ("pairs looked at", f"{c.pairs}", f"{_ratio(c.pairs, c.floe_steps):.2f} per floe-step"),
+            ("bonds broken", f"{c.bonds_broken}", ""),
+        ]  # fmt: skip
+        return "\n".join(f"{name:<28}{value:>16}  {share}".rstrip() for name, value, share in rows)
+
+
+def _ratio(a: float, b: float) -> float:
+    return a / b if b else 0.0
+
+
+def run(
+    model: "Model",
+    duration: float,
+    ocean: "Source | None" = None,
+    atmosphere: "Source | None" = None,
+    *,
+    exchange: float | None = None,
+    every: float | None = None,
+    gridded: str | Path | None = None,
+    trajectories: str | Path | None = None,
+    restart: str | Path | None = None,
+    attributes: Mapping[str, Any] | None = None,
+    reference: str | None = None,
+    calendar: str = "standard",
+    projection: str | None = None,
+    land: Sequence[np.ndarray] = (),
+    overwrite: bool = False,
+    progress: bool = False,
+) -> Report:
+    """Run a model for some time under some forcing.
+
+    Parameters
+    ----------
+    model : goes on from where it is
+    duration : [s]
+    ocean, atmosphere : what fills the velocities of the ocean and of the wind (`forcing.Constant`,
+        `forcing.Function`, `forcing.VelocityFile`); left out, the arrays of `model.ocean` and
+        `model.atmosphere` stay as they are
+    exchange : between exchanges of momentum with the fluids [s]; default: `every`
+    every : between frames [s]; default: a twentieth of the duration
+    gridded, trajectories : NetCDF files to make, see `output`
+    restart : file for the state at the end, or at the last exchange of a run that was cut short
+    attributes, reference, calendar, projection, land : see `output.GriddedWriter`
+    overwrite : whether files may be replaced
+    progress : show a meter
+
+    Returns
+    -------
+    Report : also when Ctrl-C stopped the run, then `finished` is False
+
+    Raises
+    ------
+    InputError
+        for a duration or an interval that cannot be, a file that exists, or forcing that does not reach.
+    StabilityError
+        if floes leave what the step resolves.
+
+    Examples
+    --------
+    >>> from floebmi import Domain, Floes, Model
+    >>> model = Model(Domain((0.0, 100.0), (0.0, 100.0)), Floes(50.0, 50.0, 10.0, 1.0, u=0.5))
+    >>> report = run(model, 20.0)
+    >>> model.floes.x
+    array([60.])
+    """
+    total = _positive("duration", duration)
+    every = total / 20 if every is None else _positive("every", every)
+    exchange = every if exchange is None else _positive("exchange", exchange)
+    exchanges = check_intervals(every, exchange)
+    for name, source, fluid in (
+        ("ocean", ocean, model.ocean), ("atmosphere", atmosphere, model.atmosphere)
+    ):  # fmt: skip
+        if source is not None and fluid is None:
+            law = "OceanDrag" if name == "ocean" else "AirDrag"
+            raise InputError(f"{name}: the model has none to force; list {law} among its forces")
+    drive = _Forcing(model, ocean, atmosphere)
+    drive.fill(model.time)  # forcing that does not fit is refused before a file is made
+    clock = _Stopwatch()
+    start, end, before = model.time, model.time + total, model.counters.floe_steps
+    files = [Path(path) for path in (gridded, trajectories) if path is not None]
+    finished = True
+    kept = model.state()
+    with contextlib.ExitStack() as stack:
+        interrupted = stack.enter_context(_gentle_interrupt())
+        write = stack.enter_context(
+            _Frames(
+                model, gridded, trajectories, attributes, reference, calendar, projection, land,
+                overwrite,
+            )
+        )  # fmt: skip
+        meter = stack.enter_context(_Meter(model, total, progress))
+        try:
+            with clock.of("output"):
+                write()
+            k = int(start / exchange * (1 + 1e-12))
+            while model.time < end:
+                k += 1
+                target = min(k * exchange, end)
+                if end - target < 1e-9 * exchange:
+                    target = end
+                if target <= model.time:
+                    continue
+                with clock.of("forcing"):
+                    drive.fill(0.5 * (model.time + target))
+                with clock.of("ice"):
+                    model.advance(target - model.time)
+                model.time = target  # a sum of many intervals would drift
+                kept = model.state()
+                if k % exchanges == 0 or target == end or interrupted:
+                    with clock.of("output"):
+                        drive.fill(model.time)
+                        write()
+                meter.update(model)
+                if interrupted and target < end:
+                    finished = False
+                    break
+        except BaseException as error:
+            _save(restart, kept, attributes, error)
+            raise
+    if restart is not None:
+        from floebmi.output import save_restart
+
+        with clock.of("output"):
+            save_restart(restart, kept, attributes)
+        files.append(Path(restart))
+    return Report(
+        finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,
+        model.counters, model.ledger, tuple(files),
+    )  # fmt: skip
+
+
+def check_intervals(every: float, exchange: float, where: str = "exchange") -> int:
+    """Exchanges per frame; InputError if the one interval does not divide the other."""
+    times = every / exchange
+    if round(times) < 1 or abs(times - round(times)) > 1e-9 * times:
+        fitting = every / max(1, np.ceil(times))
+        raise InputError(
+            f"{where} = {exchange:g}: must divide the time between frames, {every:g} s; "
+            f"{fitting:g} would"
+        )
+    return round(times)
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in a unit that suits it."""
+    for unit, size in (("days", DAY), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.4g} {unit}"
+    return f"{seconds:.4g} s"
+
+
+def _positive(name: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"run: {name} = {value!r}: must be greater than 0 s")
+    return float(value)
+
+
+def _save(
+    path: str | Path | None, state: Mapping[str, Any], attributes: Any, error: BaseException
+) -> None:
+    """Save the last good state, and say so with the error that ended the run."""
+    if path is None:
+        return
+    from floebmi.output import save_restart
+
+    try:
+        save_restart(path, state, attributes)
+    except (OSError, InputError) as failure:
+        error.add_note(f"the state at t = {state['time']:g} s could not be saved: {failure}")
+    else:
+        error.add_note(f"the state at t = {state['time']:g} s is saved in {path}")
+
+
+class _Forcing:
+    """Fills the velocities of the fluids."""
+
+    def __init__(self, model: "Model", ocean: "Source | None", atmosphere: "Source | None") -> None:
+        pairs = ((ocean, model.ocean), (atmosphere, model.atmosphere))
+        self._pairs = [
+            (source, fluid) for source, fluid in pairs if source is not None and fluid is not None
+        ]
+
+    def fill(self, t: float) -> None:
+        for source, fluid in self._pairs:
+            source.fill(t, fluid.u, fluid.v)
+
+
+class _Frames:
+    """The files of a run; a call writes a frame into each."""
+
+    def __init__(
+        self,
+        model: "Model",
+        gridded: str | Path | None,
+        trajectories: str | Path | None,
+        attributes: Mapping[str, Any] | None,
+        reference: str | None,
+        calendar: str,
+        projection: str | None,
+        land: Sequence[np.ndarray],
+        overwrite: bool,
+    ) -> None:
+        from floebmi.output import GriddedWriter, TrajectoryWriter
+
+        self._model = model
+        self._writers: list[GriddedWriter | TrajectoryWriter] = [
+            writer(
+                path, model, attributes, reference=reference, calendar=calendar,
+                projection=projection, land=land, overwrite=overwrite,
+            )
+            for writer, path in ((GriddedWriter, gridded), (TrajectoryWriter, trajectories))
+            if path is not None
+        ]  # fmt: skip
+
+    def __call__(self) -> None:
+        for writer in self._writers:
+            writer.write(self._model)
+
+    def __enter__(self) -> "_Frames":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        for writer in self._writers:
+            writer.close()
+
+
+class _Stopwatch:
+    def __init__(self) -> None:
+        self._begin = time.perf_counter()
+        self._spent = {"forcing": 0.0, "ice": 0.0, "output": 0.0}
+
+    @contextlib.contextmanager
+    def of(self, what: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self._spent[what] += time.perf_counter() - begin
+
+    def wall_time(self) -> WallTime:
+        return WallTime(**self._spent, total=time.perf_counter() - self._begin)
+
+
+class _Interrupt:
+    """True once somebody asked the run to stop."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __bool__(self) -> bool:
+        return self.asked
+
+
+@contextlib.contextmanager
+def _gentle_interrupt() -> Iterator[_Interrupt]:
+    """Ctrl-C and SIGTERM let the exchange at hand come to its end; a second one stops at once."""
+    interrupt = _Interrupt()
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupt  # signals belong to the main thread
+        return
+
+    def ask(number: int, frame: object) -> None:
+        if interrupt:
+            raise KeyboardInterrupt
+        interrupt.asked = True
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield interrupt
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Meter:
+    """Simulated time, floe-steps per second, simulated days per hour on the clock, time left."""
+
+    def __init__(self, model: "Model", total: float, show: bool) -> None:
+        from tqdm import tqdm
+
+        self._start, self._total = model.time, total
+        self._steps = model.counters.floe_steps
+        self._last: tuple[float, float, int] | None = None
+        self._bar = tqdm(
+            total=total,
+            disable=not show,
+            desc="first step: compiling if need be" if show else None,
+            bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed} (left {remaining}){postfix}",
+            mininterval=0.2 if sys.stderr.isatty() else 5.0,
+            dynamic_ncols=True,
+        )
+
+    def update(self, model: "Model") -> None:
+        if self._bar.disable:
+            return
+        now = (time.perf_counter(), model.time, model.counters.floe_steps)
+        if self._last is not None and now[0] > self._last[0]:
+            clock, simulated, steps = (b - a for a, b in zip(self._last, now, strict=True))
+            self._bar.set_postfix_str(
+                f"{steps / clock / 1e6:.1f} M floe-steps/s, {simulated / clock / 24:.3g} days/h",
+                refresh=False,
+            )
+        if self._last is None or now[0] - self._last[0] > 0.5:
+            self._last = now
+        done = model.time - self._start
+        self._bar.set_description_str(
+            f"{duration_text(done)} of {duration_text(self._total)}", refresh=False
+        )
+        self._bar.update(done - self._bar.n)
+
+    def __enter__(self) -> "_Meter":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self._bar.close()
