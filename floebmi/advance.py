@@ -129,13 +129,15 @@ class Advance:
                 numbers.append(np.full(len(close), w))
         self.wall_floe = np.concatenate(floes) if floes else np.zeros(0, np.int64)
         self.wall_number = np.concatenate(numbers) if numbers else np.zeros(0, np.int64)
+        dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
+        self.wall_damped = np.zeros(len(self.wall_floe)) if dashpot else None
 
     def _touch(self, dt: float) -> None:
         p = self.packed
         touch(
             self.contact, self.wall_law, *self.period, p.place, p.moving, p.spinning,
-            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
-            self.walls, self.wall_floe, self.wall_number, dt, p.force, self.buffer,
+            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded, self.pairs.damped,
+            self.walls, self.wall_floe, self.wall_number, self.wall_damped, dt, p.force, self.buffer,
         )  # fmt: skip
 
     def _unpack(self) -> None:
@@ -270,7 +272,9 @@ class Advance:
 
     def _kernel(self, dt: float, steps: int, substeps: int) -> tuple[int, float]:
         half_skin = self._half_skin()
-        lists = self.walls, self.wall_floe, self.wall_number, self.constraint, self.losses
+        lists = (
+            self.walls, self.wall_floe, self.wall_number, self.wall_damped, self.constraint, self.losses
+        )  # fmt: skip
         laws = self.contact, self.wall_law, self.forces, self.here, *self.period
         if self.step.scheme == "verlet":
             return verlet(

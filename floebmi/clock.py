@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import _DURATIONS, Field, coordinate
+from floebmi.fields import DURATIONS, Field, coordinate
 
 if TYPE_CHECKING:
     import cftime
+    import xarray as xr
 
     Date = str | float | datetime.datetime | np.datetime64 | cftime.datetime
 
@@ -56,12 +57,16 @@ class Clock:
         if found is None:
             raise InputError(f"{field.label}: its {field.time!r} has no times")
         name, array = found
-        self._dates = np.atleast_1d(array.values)
         where = f"{field.file.label}: {name}"
-        if not self._dates.size:
-            raise InputError(f"{where}: no records")
-        self._start = self._date(start, where) if start is not None else self._dates[0]
-        self.seconds = self._after_start(array, where)
+        self._dates = _dates(array, where)
+        self._start = self._dates[0] if start is None else self._as_date(start, where)
+        since = self._dates - self._start
+        if self._dates.dtype.kind == "M":
+            self.seconds = since / np.timedelta64(1, "s")
+        elif self._dates.dtype.kind == "O":
+            self.seconds = np.array([d.total_seconds() for d in since])
+        else:
+            self.seconds = since
         bad = np.flatnonzero(~(np.diff(self.seconds) > 0))
         if bad.size:
             k = int(bad[0]) + 1
@@ -70,22 +75,18 @@ class Clock:
                 f" {_text(self._dates[k - 1])}: times must grow"
             )
 
-    def _date(self, start: Date, where: str) -> object:
+    def _as_date(self, start: Date, where: str) -> object:
         """`start` as the kind of date that the file has."""
         kind = self._dates.dtype.kind
-        number = isinstance(start, (int, float)) and not isinstance(start, bool)
-        if kind not in "MO":
-            if not number:
-                raise InputError(
-                    f"{where}: start = {start!r}: the times are durations, so give a number of seconds"
-                )
+        if isinstance(start, (int, float)) != (kind == "f"):
+            right = "a number of seconds" if kind == "f" else "a date such as '1979-01-16'"
+            raise InputError(f"{where}: start = {start!r}: give {right}, as in the file")
+        if kind == "f":
             return float(start)
-        if number:
-            raise InputError(f"{where}: start = {start!r}: give a date such as '1979-01-16'")
-        if kind == "O" and type(start).__module__.startswith("cftime"):
-            return start
+        if isinstance(start, np.datetime64):
+            start = start.astype("datetime64[us]").item()
         try:
-            date = datetime.datetime.fromisoformat(str(start)[:26])
+            date = datetime.datetime.fromisoformat(str(start))
         except ValueError:
             raise InputError(
                 f"start = {start!r}: not a date; give one such as '1979-01-16' or '1979-01-16T18:00'"
@@ -94,29 +95,11 @@ class Clock:
             date = date.astimezone(datetime.UTC).replace(tzinfo=None)
         if kind == "M":
             return np.datetime64(date, "ns")
-        fields = date.timetuple()[:6]
+        names = ("year", "month", "day", "hour", "minute", "second", "microsecond")
         try:
-            return type(self._dates[0])(*fields, date.microsecond)
+            return self._dates[0].replace(**{name: getattr(date, name) for name in names})
         except ValueError as error:
-            raise InputError(f"{where}: start = {start!r}: {error} in the file's calendar") from None
-
-    def _after_start(self, array: object, where: str) -> np.ndarray:
-        dates, kind = self._dates, self._dates.dtype.kind
-        if kind == "M":
-            if np.isnat(dates).any():
-                raise InputError(f"{where}[{int(np.isnat(dates).argmax())}] is not a time")
-            return (dates - self._start) / np.timedelta64(1, "s")
-        if kind == "O":
-            return np.array([(d - self._start).total_seconds() for d in dates])
-        units = str(array.attrs.get("units", "")).lower().strip()
-        if units not in _DURATIONS:
-            raise InputError(
-                f"{where}: units = {units!r}: must be '<unit> since <date>', or s, min, h, days"
-            )
-        self._dates = dates = dates * _DURATIONS[units]
-        if not isinstance(self._start, float) or self._start is dates[0]:
-            self._start = float(dates[0])
-        return dates.astype(float) - self._start
+            raise InputError(f"{where}: start = {start!r}: {error} (the file's calendar)") from None
 
     @property
     def span(self) -> tuple[float, float] | None:
@@ -175,6 +158,25 @@ class Clock:
             f" (t = {self.seconds[0]:g} … {self.seconds[-1]:g} s, {self.seconds.size} records)"
         )
         return text if self.beyond_span == "error" else f"{text}, then {self.beyond_span}"
+
+
+def _dates(array: xr.DataArray, where: str) -> np.ndarray:
+    """The times of a file (n,): datetime64, cftime dates, or durations as float seconds."""
+    dates = np.atleast_1d(array.values)
+    if not dates.size:
+        raise InputError(f"{where}: no records")
+    if dates.dtype.kind == "M":
+        if np.isnat(dates).any():
+            raise InputError(f"{where}[{int(np.isnat(dates).argmax())}] is not a time")
+        return dates.astype("datetime64[ns]")
+    if dates.dtype.kind == "O":
+        return dates
+    units = str(array.attrs.get("units", "")).lower().strip()
+    if units not in DURATIONS:
+        raise InputError(
+            f"{where}: units = {units!r}: must be '<unit> since <date>', or s, min, h, days"
+        )
+    return dates.astype(float) * DURATIONS[units]
 
 
 def _text(date: object) -> str:

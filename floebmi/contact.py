@@ -150,6 +150,7 @@ class PairForce(NamedTuple):
     f_t: float
     slip: float
     bonded: float
+    damped: float  # the dashpot's part of f_n
     friction_loss: float
     dashpot_loss: float
     bond_loss: float
@@ -214,20 +215,25 @@ def _(dashpot: None, k_n, inverse_mass):
 
 @jit
 def pair_force(
-    law, gap, opening, slip_rate, r_i, r_j, h_i, h_j, inverse_mass, slip, bonded, dt
+    law, gap, opening, slip_rate, r_i, r_j, h_i, h_j, inverse_mass, slip, bonded, damped_before, dt
 ):
-    """The contact law: gap δ [m] and its rate, slip rate [m/s], and what the pair remembers."""
+    """The contact law: gap δ [m] and its rate, slip rate [m/s], and what the pair remembers.
+
+    Losses are what the mean of the force before and now does along the way between them, which is what
+    the two half kicks of a step do.
+    """
     k_n = stiffness(law.elastic, h_i, h_j)
     mean_radius = 2.0 * r_i * r_j / (r_i + r_j)
     now_bonded = hold(law.bonds, gap, law.elastic.youngs_modulus, mean_radius, bonded)
     touching = gap < 0.0 or now_bonded > 0.0
     elastic = -k_n * gap if touching else 0.0
     c = damping(law.dashpot, k_n, inverse_mass)
-    damped = elastic - c * opening
+    both = elastic - c * opening
     # unless frozen together, floes do not pull each other as they part
-    f_n = (damped if now_bonded > 0.0 else max(damped, 0.0)) if touching else 0.0
+    f_n = (both if now_bonded > 0.0 else max(both, 0.0)) if touching else 0.0
     f_t, kept, friction_loss = tangential(law.friction, k_n, f_n, slip, slip_rate, dt)
     bond_loss = 0.5 * k_n * gap * gap if bonded > 0.0 and not touching else 0.0
-    # the force acts until the middle of the next step: with the mean of the rates before and after it
-    dashpot_loss = (elastic - f_n) * (opening + 0.5 * dt * inverse_mass * f_n) * dt
-    return PairForce(f_n, f_t, kept, now_bonded, friction_loss, dashpot_loss, bond_loss)
+    dashpot_loss = -0.5 * (damped_before + f_n - elastic) * opening * dt
+    return PairForce(
+        f_n, f_t, kept, now_bonded, f_n - elastic, friction_loss, dashpot_loss, bond_loss
+    )

@@ -256,7 +256,7 @@ def _(spinning: None, forces, at, angle, inertia, inverse_spin, dt, substeps, co
 @jit
 def touch(
     law, wall_law, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded,
-    walls, wall_floe, wall_number, dt, force, buffer,
+    damped, walls, wall_floe, wall_number, wall_damped, dt, force, buffer,
 ):  # fmt: skip
     """Contact forces at the present place; `dt` is the time over which contacts have slipped."""
     for k in range(force.size):
@@ -265,9 +265,11 @@ def touch(
     clear_torque(spinning, force)
     losses = touch_floes(
         law, period_x, period_y, place, moving, spinning,
-        pair_i, pair_j, slip, bonded, dt, force, buffer,
+        pair_i, pair_j, slip, bonded, damped, dt, force, buffer,
     )  # fmt: skip
-    wall_loss = touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, dt, force)
+    wall_loss = touch_walls(
+        wall_law, place, moving, walls, wall_floe, wall_number, wall_damped, dt, force
+    )
     return Losses(losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.broken)
 
 
@@ -284,8 +286,9 @@ def _(spinning: None, force):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded, dt, force, buffer
-):
+    law, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded, damped, dt,
+    force, buffer,
+):  # fmt: skip
     friction_loss, dashpot_loss, bond_loss, broken = 0.0, 0.0, 0.0, 0.0
     for first in range(0, pair_i.size, BLOCK):
         n = min(BLOCK, pair_i.size - first)
@@ -316,8 +319,9 @@ def touch_floes(
             f = pair_force(
                 law, gap, opening, slip_rate, r_i, r_j,
                 buffer[H_I + k], buffer[H_J + k], inverse_mass,
-                recall(slip, first + k), was_bonded, dt,
+                recall(slip, first + k), was_bonded, recall(damped, first + k), dt,
             )  # fmt: skip
+            remember(damped, first + k, f.damped)
             remember(slip, first + k, f.slip)
             remember(bonded, first + k, f.bonded)
             friction_loss += f.friction_loss
@@ -340,8 +344,8 @@ def touch_floes(
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded, dt,
-    force, buffer,
+    law: None, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded, damped,
+    dt, force, buffer,
 ):  # fmt: skip
     return Losses(0.0, 0.0, 0.0, 0.0)
 
@@ -404,7 +408,7 @@ def _(spinning: None, i, j, k, buffer, force):
 
 
 @dispatched
-def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, dt, force):
+def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, wall_damped, dt, force):
     """Frictionless walls push floes that reach over them (eq. wall); returns the energy lost [J]."""
     loss = 0.0
     for w in range(walls.size):
@@ -418,8 +422,9 @@ def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, dt, forc
         opening, inverse_mass = wall_opening(moving, k, wall.axis, wall.side, wall.speed)
         f = pair_force(
             wall_law, gap, opening, 0.0, floe.r, floe.r, floe.h, floe.h,
-            inverse_mass, 0.0, 0.0, dt,
+            inverse_mass, 0.0, 0.0, recall(wall_damped, q), dt,
         )  # fmt: skip
+        remember(wall_damped, q, f.damped)
         if wall.axis == 0:
             force[k].x += wall.side * f.f_n
         else:
@@ -430,7 +435,7 @@ def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, dt, forc
 
 
 @touch_walls.register
-def _(wall_law: None, place, moving, walls, wall_floe, wall_number, dt, force):
+def _(wall_law: None, place, moving, walls, wall_floe, wall_number, wall_damped, dt, force):
     return 0.0
 
 
@@ -451,7 +456,7 @@ def _(moving: None, k, axis, side, speed):
 @jit
 def verlet(
     law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe, wall_number,
-    constraint, losses, dt, steps, substeps, travelled, half_skin,
+    wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way."""
     p = packed
@@ -466,8 +471,8 @@ def verlet(
         )  # fmt: skip
         lost = touch(
             law, wall_law, period_x, period_y, p.place, p.moving, p.spinning,
-            pairs.i, pairs.j, pairs.slip, pairs.bonded, walls, wall_floe, wall_number,
-            dt, p.force, buffer,
+            pairs.i, pairs.j, pairs.slip, pairs.bonded, pairs.damped, walls, wall_floe,
+            wall_number, wall_damped, dt, p.force, buffer,
         )  # fmt: skip
         kick(p.motion, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
              walls, 0.5 * dt, constraint)  # fmt: skip
@@ -480,7 +485,7 @@ def verlet(
 @jit
 def taylor(
     third_order, law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe,
-    wall_number, constraint, losses, dt, steps, travelled, half_skin,
+    wall_number, wall_damped, constraint, losses, dt, steps, travelled, half_skin,
 ):  # fmt: skip
     """The paper's schemes: forces at the old place and velocity, then one Taylor step.
 
@@ -494,8 +499,8 @@ def taylor(
     while done < steps and travelled < half_skin:
         lost = touch(
             law, wall_law, period_x, period_y, p.place, p.moving, p.spinning,
-            pairs.i, pairs.j, pairs.slip, pairs.bonded, walls, wall_floe, wall_number,
-            dt, p.force, buffer,
+            pairs.i, pairs.j, pairs.slip, pairs.bonded, pairs.damped, walls, wall_floe,
+            wall_number, wall_damped, dt, p.force, buffer,
         )  # fmt: skip
         book_losses(losses, lost)
         fastest = 0.0

@@ -245,7 +245,7 @@ def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
         return "time"
     if axis == "Z" or "positive" in attrs or low in _VERTICAL or standard in ("depth", "height"):
         return "vertical"
-    plain = not units or units in _LENGTHS
+    plain = not units or units in LENGTHS
     if standard == "projection_x_coordinate" or (plain and (axis == "X" or low == "x")):
         return "x"
     if standard == "projection_y_coordinate" or (plain and (axis == "Y" or low == "y")):
@@ -315,7 +315,7 @@ def _level(file: File, dim: str, depth: float, where: str) -> int:
     if found is None or found[1].dims != (dim,):
         raise InputError(f"{where}: levels {dim!r} have no depths: choose with select")
     name, levels = found
-    scale = _LENGTHS.get(str(levels.attrs.get("units", "")).lower().strip())
+    scale = LENGTHS.get(str(levels.attrs.get("units", "")).lower().strip())
     if scale is None and depth != 0:
         raise InputError(
             f"{where}: depth = {depth:g} m, but levels {name!r} are not in metres: choose with select"
@@ -325,13 +325,13 @@ def _level(file: File, dim: str, depth: float, where: str) -> int:
 
 # ---------------------------------------------------------------------------------------------- units
 
-_LENGTHS = {
+LENGTHS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
     **dict.fromkeys(("km", "kilometer", "kilometers", "kilometre", "kilometres"), 1000.0),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 0.01),
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 0.001),
 }
-_DURATIONS = {
+DURATIONS = {
     **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
     **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
@@ -352,16 +352,16 @@ def velocity_factor(units: str | None, where: str) -> float:
         return 1852.0 / 3600.0
     match = re.fullmatch(r"([a-z]+) ?(?:/|per) ?([a-z]+)", text)
     match = match or re.fullmatch(r"([a-z]+)[ .*]+([a-z]+) ?(?:\^|\*\*)? ?\(?-1\)?", text)
-    if match and match[1] in _LENGTHS and match[2] in _DURATIONS:
-        return _LENGTHS[match[1]] / _DURATIONS[match[2]]
+    if match and match[1] in LENGTHS and match[2] in DURATIONS:
+        return LENGTHS[match[1]] / DURATIONS[match[2]]
     raise InputError(_unknown(units, where, "a velocity: m s-1, cm s-1, km h-1, knots"))
 
 
 def length_factor(units: str | None, where: str) -> float:
     """Factor from `units` to m."""
-    if _words(units) not in _LENGTHS:
+    if _words(units) not in LENGTHS:
         raise InputError(_unknown(units, where, "a length: m, km, cm"))
-    return _LENGTHS[_words(units)]
+    return LENGTHS[_words(units)]
 
 
 def fraction_factor(units: str | None, where: str) -> float:

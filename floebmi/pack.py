@@ -66,6 +66,7 @@ class PairList(NamedTuple):
     j: np.ndarray
     slip: np.ndarray | None
     bonded: np.ndarray | None
+    damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
 
 
 def needs_velocity(contact: Contact | None) -> bool:
@@ -161,7 +162,9 @@ def list_pairs(
         empty = np.zeros(0, np.uint32)
         slip = None if contact is None or contact.friction is None else np.zeros(0)
         bonded = None if contact is None or contact.bonds is None else np.zeros(0)
-        return PairList(np.zeros(len(packed.number) + 1, np.int64), empty, empty, slip, bonded)
+        damped = None if contact is None or contact.dashpot is None else np.zeros(0)
+        start = np.zeros(len(packed.number) + 1, np.int64)
+        return PairList(start, empty, empty, slip, bonded, damped)
     found = find_pairs(packed.place.x, packed.place.y, reach(packed, contact, skin), period)
     i, j = found.i.view(np.uint32), found.j.view(np.uint32)
     memories = []
@@ -173,7 +176,8 @@ def list_pairs(
         if memory is not None and len(memory):
             carry(i, j, packed.number, old.start, old.j, old_place, memory, new)
         memories.append(new)
-    return PairList(found.start, i, j, *memories)
+    damped = None if contact.dashpot is None else np.zeros(len(i))
+    return PairList(found.start, i, j, *memories, damped)
 
 
 def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:
@@ -368,7 +372,7 @@ def look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
         gap = distance - (one.r + other.r)
         was_bonded, was_slip = recall(bonded, p), recall(slip, p)
         f = pair_force(
-            law, gap, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0, was_slip, was_bonded, 0.0
+            law, gap, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0, was_slip, was_bonded, 0.0, 0.0
         )
         k_n = stiffness(law.elastic, one.h, other.h)
         touching = gap < 0.0 or f.bonded > 0.0

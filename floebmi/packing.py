@@ -35,6 +35,8 @@ CLASS = 4.0  # floes within this ratio of radii are laid together
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
 CLOSE_ENOUGH = 0.005  # relative error of the concentration that is still what was asked for
 
+EDGES_KEPT = ("closed", "inactive")  # edges that floes are laid inside of
+
 Land = Coast | Grid | Sequence[ArrayLike]
 
 
@@ -239,24 +241,23 @@ def regular(
 ) -> Floes:
     """Equal floes on a lattice.
 
-    Rows run along x.  Between edges that are not periodic the lattice is centred, with all floes
-    wholly inside.
+    Rows run along x; of a hexagonal lattice they are √3/2 spacings apart, and every other one is shifted.
+    Between edges that are not periodic the lattice is centred, with all floes wholly inside.  Along a
+    period the lattice is stretched or squeezed to the nearest whole (hexagonal, along y: even) number of rows.
 
     Parameters
     ----------
-    domain : a period must hold a whole number of spacings (along y of a hexagonal lattice, an even number
-        of rows, which are √3/2 spacings apart)
+    domain : its size, and which edges are periodic
     radius : of all floes [m]
     spacing : of neighbours [m], at least 2 radii
-    concentration : area of floes over that of the domain, in place of a spacing; met within 0.5 % by
-        stretching the lattice a little along the periods
+    concentration : area of floes over that of the domain, in place of a spacing, met within 0.5 %
     lattice : "hexagonal" or "square"
     thickness : of all floes [m]
 
     Raises
     ------
     InputError
-        if the spacing does not fit the period or the floes overlap; it says which nearest value would fit.
+        if floes would overlap, or no whole number of rows gives the concentration; it says the nearest.
     """
     check_domain(domain)
     if lattice not in ("hexagonal", "square"):
@@ -270,33 +271,30 @@ def regular(
     if spacing is not None:
         if not spacing >= 2 * radius:
             raise InputError(f"spacing = {spacing} m; must be at least 2 radii, {2 * radius:g} m")
-        x, y, stretch = _lattice(domain, radius, spacing, lattice)
-        if stretch > 1e-9:
-            fitting = _fitting_spacing(domain, radius, spacing, lattice)
+        best = _rows(domain, radius, spacing, lattice)
+        if best.nearest < 2 * radius * (1 - 1e-12):
             raise InputError(
-                f"spacing = {spacing} m does not divide the period; nearest that fits: {fitting}"
+                f"spacing = {spacing} m: whole rows along the period are {best.nearest:.6g} m apart, "
+                f"less than 2 radii, {2 * radius:g} m; choose a larger spacing"
             )
-        return Floes(x, y, radius, thickness)
-    if not 0 < concentration < 1:
-        raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
-    packed = np.sqrt(3.0) / 2 if lattice == "hexagonal" else 1.0
-    ideal = np.sqrt(np.pi * radius**2 / (packed * concentration))
-    best = None
-    # walls leave bare strips, so the spacing that gives the concentration can be far below the ideal
-    for trial in ideal * np.concatenate([[1.0], np.linspace(1.1, 0.6, 501)]):
-        x, y, _ = _lattice(domain, radius, trial, lattice)
-        found = len(x) * np.pi * radius**2 / domain.area
-        if best is None or abs(found - concentration) < abs(best[0] - concentration):
-            floes = Floes(x, y, radius, thickness)
-            if not len(overlapping(floes, domain).i):
-                best = found, floes
-    if best is None or abs(best[0] / concentration - 1) > CLOSE_ENOUGH:
-        nearest = "none fits" if best is None else f"nearest that fits: {best[0]:.4g}"
-        raise InputError(
-            f"concentration = {concentration:g}: no whole number of rows comes within 0.5 % without "
-            f"overlap; {nearest}"
-        )
-    return best[1]
+    else:
+        if not 0 < concentration < 1:
+            raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+        per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
+        ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
+        # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
+        trials = [_rows(domain, radius, ideal * f, lattice) for f in np.linspace(1.1, 0.6, 1001)]
+        target = concentration * domain.area / (np.pi * radius**2)
+        fitting = [rows for rows in trials if rows.nearest >= 2 * radius * (1 - 1e-12)]
+        best = min(fitting, key=lambda rows: (abs(rows.count / target - 1), rows.stretch), default=None)
+        if best is None or abs(best.count / target - 1) > CLOSE_ENOUGH:
+            nearest = 0.0 if best is None else best.count / target * concentration
+            raise InputError(
+                f"concentration = {concentration:g}: no whole number of rows comes within 0.5 % "
+                f"without overlap; nearest that fits: {nearest:.4g}"
+            )
+    x, y = _on_rows(best, domain)
+    return Floes(x, y, radius, thickness)
 
 
 def read_floes(
@@ -415,3 +413,452 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
     worst = _press(x, y, radius, free, shore, domain, ("closed",))
     floes.x[here], floes.y[here] = x, y
     return worst
+
+
+class _Rows(NamedTuple):
+    """A lattice: steps [m], number of floes in even and odd rows, number of rows, shift of odd rows."""
+
+    dx: float
+    dy: float
+    even: int
+    odd: int
+    rows: int
+    shift: float
+    stretch: float
+
+    @property
+    def count(self) -> int:
+        return self.even * ((self.rows + 1) // 2) + self.odd * (self.rows // 2)
+
+    @property
+    def nearest(self) -> float:
+        between = np.hypot(self.shift, self.dy) if self.rows > 1 else np.inf
+        return min(self.dx if self.even > 1 else np.inf, between)
+
+
+def _rows(domain: Domain, radius: float, spacing: float, lattice: str) -> _Rows:
+    long_x, long_y = domain.x[1] - domain.x[0], domain.y[1] - domain.y[0]
+    periodic_x, periodic_y = (length is not None for length in domain.period)
+    hexagonal = lattice == "hexagonal"
+    dx, dy = spacing, spacing * np.sqrt(0.75) if hexagonal else spacing
+    if periodic_x:
+        even = odd = max(1, round(long_x / dx))
+        dx = long_x / even
+    else:
+        steps = (long_x - 2 * radius) / dx + 1e-9
+        even = int(np.floor(steps)) + 1
+        odd = int(np.floor(steps - 0.5)) + 1 if hexagonal else even
+    if periodic_y:
+        together = 2 if hexagonal else 1
+        rows = together * max(1, round(long_y / dy / together))
+        dy = long_y / rows
+    else:
+        rows = int(np.floor((long_y - 2 * radius) / dy + 1e-9)) + 1
+    stretch = max(abs(dx / spacing - 1), abs(dy / spacing - (np.sqrt(0.75) if hexagonal else 1)))
+    even, odd, rows = (max(0, number) for number in (even, odd, rows))
+    return _Rows(dx, dy, even, odd, rows, dx / 2 if hexagonal else 0.0, stretch)
+
+
+def _on_rows(rows: _Rows, domain: Domain) -> tuple[np.ndarray, np.ndarray]:
+    counts = np.where(np.arange(rows.rows) % 2, rows.odd, rows.even)
+    row = np.repeat(np.arange(rows.rows), counts)
+    column = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    x = column * rows.dx + (row % 2) * rows.shift
+    y = row * rows.dy
+    if not len(x):
+        return x, y
+    # the middle of the lattice lies in the middle of the domain, also along a period
+    return (
+        x + (sum(domain.x) - x.min() - x.max()) / 2,
+        y + (sum(domain.y) - y.min() - y.max()) / 2,
+    )
+
+
+def _csv_rows(path: Path) -> list[tuple[str, dict[str, object]]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [row for row in csv.reader(file) if any(map(str.strip, row))]
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    if not lines:
+        raise InputError(f"{path}: empty; must have a header line")
+    header = [name.strip().lower() for name in lines[0]]
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        if len(line) != len(header):
+            raise InputError(f"{path}: row {number} has {len(line)} values; must be {len(header)}")
+        rows.append((f"row {number}", dict(zip(header, line, strict=True))))
+    return rows
+
+
+def _geojson_rows(path: Path, projection: str | None) -> list[tuple[str, dict[str, object]]]:
+    rows = []
+    for number, (name, geometry, properties) in enumerate(read_features(path, projection)):
+        row = {key.strip().lower(): value for key, value in properties.items()}
+        if {"x", "y"} & row.keys():
+            raise InputError(f"{name}: property 'x' or 'y' beside a geometry; must be one or the other")
+        if geometry.geom_type in ("Polygon", "MultiPolygon"):
+            if {"radius", "area"} & row.keys():
+                raise InputError(f"{name}: a polygon has its own area; radius and area are for points")
+            row["area"] = geometry.area
+        elif geometry.geom_type != "Point":
+            raise InputError(f"{name}: {geometry.geom_type}; must be a Point or a Polygon")
+        row["x"], row["y"] = geometry.centroid.x, geometry.centroid.y
+        rows.append((f"feature {number}", row))
+    return rows
+
+
+_FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + (
+    "angle",
+    "angular_velocity",
+)
+
+
+def _floe_columns(
+    path: Path, rows: list[tuple[str, dict[str, object]]]
+) -> dict[str, np.ndarray]:
+    """The columns that floes are made of, as numbers; all rows must have the same."""
+    names = [name for name in _FLOE_COLUMNS if any(name in row for _, row in rows)]
+    for name in ("x", "y") if rows else ():
+        if name not in names:
+            raise InputError(f"{path}: has no column {name!r}; {choose(name, rows[0][1])}")
+    if rows and ("radius" in names) == ("area" in names):
+        raise InputError(f"{path}: must have a column 'radius' or 'area', and not both")
+    columns: dict[str, list[float]] = {name: [] for name in names}
+    for place, row in rows:
+        for name in names:
+            value = row.get(name)
+            try:
+                number = float(value)  # type: ignore[arg-type]
+                right = "must be a finite number"
+                if name in ("radius", "area", "thickness") and np.isfinite(number):
+                    right = "must be greater than 0" if number <= 0 else ""
+                elif np.isfinite(number):
+                    right = ""
+            except (TypeError, ValueError):
+                right = "must be a number"
+            if right:
+                raise InputError(f"{path}: {place}, column {name!r}: {value!r} {right}")
+            columns[name].append(number)
+    if not rows:
+        columns = {"x": [], "y": [], "radius": []}
+    return {name: np.array(values) for name, values in columns.items()}
+
+
+class _Barrier(NamedTuple):
+    """Land: its area in the domain [m²], fixed discs (k, 3) of x, y, radius that guard it, where it is."""
+
+    area: float
+    discs: np.ndarray
+    geometry: object
+    grid: Grid | None
+
+    def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether points lie on land."""
+        inside = np.zeros(len(x), bool)
+        if self.geometry is not None:
+            import shapely
+
+            inside |= shapely.contains_xy(self.geometry, x, y)
+        if self.grid is not None:
+            cell = self.grid.locate(x, y)
+            inside |= (cell >= 0) & ~self.grid.wet[cell]
+        return inside
+
+
+def _barrier(
+    land: Land | None, domain: Domain, smallest: float, grid: Grid | None = None
+) -> _Barrier:
+    """What floes of radius `smallest` and more must keep clear of."""
+    area, geometry, segments = 0.0, None, []
+    fixed = [np.zeros((0, 3))]
+    if isinstance(land, Grid):
+        if grid is not None:
+            raise InputError("land: the grid's own dry cells are land; give a Coast or rings beside it")
+        grid, land = land, None
+    if grid is not None and grid.wet.all():
+        grid = None
+    if isinstance(land, Coast):
+        floes = land.floes
+        fixed.append(np.stack([floes.x, floes.y, floes.radius], axis=1))
+    if land is not None:
+        import shapely
+
+        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land)
+        shapely.prepare(geometry)
+        box = shapely.box(domain.x[0], domain.y[0], domain.x[1], domain.y[1])
+        area += geometry.intersection(box).area
+        for ring in shapely.get_rings(shapely.get_parts(geometry)):
+            points = shapely.get_coordinates(ring)
+            segments.append(np.concatenate([points[:-1], points[1:]], axis=1))
+    if grid is not None:
+        area += float(np.sum(_area_inside(grid, domain)[~grid.wet]))
+        segments.append(_dry_edges(grid))
+    if segments:
+        fixed.append(_guards(np.concatenate(segments), domain, smallest))
+    return _Barrier(area, np.concatenate(fixed), geometry, grid)
+
+
+def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray:
+    """Small discs along a shore such that a floe that overlaps none of them does not cross it.
+
+    Between two points a distance 2q apart a disc of radius r could reach √(r² + q²) − r ≤ q²/2r across:
+    that is the radius of the guards.
+    """
+    step = SHORE_STEP * smallest
+    west, south, east, north = segments.T
+    low = np.minimum(west, east), np.minimum(south, north)
+    high = np.maximum(west, east), np.maximum(south, north)
+    near = np.ones(len(segments), bool)
+    for axis, (first, last) in enumerate((domain.x, domain.y)):
+        margin = last - first  # floes reach less far across an edge, and nothing is lost by more guards
+        near &= (high[axis] > first - margin) & (low[axis] < last + margin)
+    segments = segments[near]
+    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    counts = np.maximum(1, np.ceil(lengths / step).astype(int)) + 1
+    share = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (share / np.repeat(counts - 1, counts))[:, None]
+    starts, ends = (np.repeat(part, counts, axis=0) for part in (segments[:, :2], segments[:, 2:]))
+    points = starts + share * (ends - starts)
+    return np.column_stack([points, np.full(len(points), (step / 2) ** 2 / (2 * smallest))])
+
+
+def _dry_edges(grid: Grid) -> np.ndarray:
+    """Edges of dry cells that are not between two dry cells, shape (k, 4): x, y of both ends."""
+    nodes = grid.face_nodes[~grid.wet]
+    following = np.roll(nodes, -1, axis=1)
+    first = nodes[:, :1]
+    following = np.where((following < 0) | (np.arange(nodes.shape[1]) == nodes.shape[1] - 1), first, following)
+    pairs = np.sort(np.stack([nodes[nodes >= 0], following[nodes >= 0]], axis=1), axis=1)
+    pairs, count = np.unique(pairs, axis=0, return_counts=True)
+    a, b = pairs[count == 1].T
+    return np.stack([grid.node_x[a], grid.node_y[a], grid.node_x[b], grid.node_y[b]], axis=1)
+
+
+def _area_inside(grid: Grid, domain: Domain) -> np.ndarray:
+    """Area of each cell inside the domain [m²], shape (grid.size,)."""
+    import shapely
+
+    nodes = grid.face_nodes
+    corner_x = np.where(nodes >= 0, grid.node_x[nodes], grid.node_x[nodes[:, :1]])
+    corner_y = np.where(nodes >= 0, grid.node_y[nodes], grid.node_y[nodes[:, :1]])
+    low = np.minimum(corner_x.min(axis=1) - domain.x[0], corner_y.min(axis=1) - domain.y[0])
+    high = np.minimum(domain.x[1] - corner_x.max(axis=1), domain.y[1] - corner_y.max(axis=1))
+    area = np.array(grid.area)
+    cut = np.minimum(low, high) < 0
+    rings = np.stack([corner_x[cut], corner_y[cut]], axis=2)
+    box = (domain.x[0], domain.y[0], domain.x[1], domain.y[1])
+    area[cut] = shapely.area(shapely.clip_by_rect(shapely.polygons(rings), *box))
+    return area
+
+
+def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
+    values = np.asarray(values, dtype=float)
+    if values.ndim and values.size != grid.size:
+        raise InputError(
+            f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"
+        )
+    return np.broadcast_to(values.ravel() if values.ndim else values, grid.size)
+
+
+def _draw_area(
+    sizes: Sizes, area: float, rng: np.random.Generator, strict: bool = True
+) -> np.ndarray:
+    """Radii whose discs have a total area, within half a floe, and if `strict` within 0.5 %."""
+    mean = sizes.mean_area()
+    radius = np.zeros(0)
+    total = np.zeros(1)
+    while total[-1] < area:
+        more = int(np.ceil(1.02 * (area - total[-1]) / mean)) + 8
+        radius = np.concatenate([radius, sizes.draw(more, rng)])
+        total = np.concatenate([[0.0], np.cumsum(np.pi * radius**2)])
+    count = int(np.argmin(abs(total - area)))
+    radius = radius[:count]
+    if not strict or abs(total[count] - area) <= CLOSE_ENOUGH * area:
+        return radius
+    # few floes: let the last one fill what the others leave
+    for count in range(count + 1, max(count - 2, 0), -1):
+        last = sizes.draw(1000, rng)
+        error = total[count - 1] + np.pi * last**2 - area
+        best = int(np.argmin(abs(error)))
+        if abs(error[best]) <= CLOSE_ENOUGH * area:
+            return np.append(radius[: count - 1], last[best])
+    raise InputError(
+        f"no number of floes of these sizes comes within 0.5 % of {area:.4g} m² ({len(radius)} floes: "
+        f"{float(np.pi * np.sum(radius**2)) / area - 1:+.1%}); give a count, or smaller floes"
+    )
+
+
+def _check_fit(radius: np.ndarray, domain: Domain) -> None:
+    largest = float(radius.max(initial=0.0))
+    for axis, length in zip("xy", domain.period, strict=True):
+        low, high = getattr(domain, axis)
+        side, diameters = high - low, 2 if length is None else 4
+        if largest * diameters * (1 + SPARE) / 2 > side / 2:
+            raise InputError(
+                f"domain.{axis}: {side:g} m; must be at least {diameters} radii of the largest floe, "
+                f"{largest * diameters:g} m"
+            )
+
+
+class _Ground(NamedTuple):
+    """A raster over the domain, along a Hilbert curve: cell k of the curve has column[k], row[k].
+
+    `group` is the grid cell that holds the raster cell's centre (0 without a grid), -1 where no ice may be;
+    `ice` is the area of ice wanted there [m²]; `clear` the distance to land [m], or None without land.
+    """
+
+    shape: tuple[int, int]
+    step: tuple[float, float]
+    column: np.ndarray
+    row: np.ndarray
+    group: np.ndarray
+    ice: np.ndarray
+    clear: np.ndarray | None
+
+
+def _ground(domain: Domain, barrier: _Barrier, n: int, grid: Grid | None = None) -> _Ground:
+    from scipy import ndimage
+
+    cells = max(64, 2 * n)
+    if grid is not None:  # fine enough to see the cells, as far as memory is no matter
+        cells = max(cells, min(1_000_000, int(4 * domain.area / grid.area.min())))
+    side = np.sqrt(domain.area / cells)
+    long_x, long_y = domain.x[1] - domain.x[0], domain.y[1] - domain.y[0]
+    nx, ny = max(1, round(long_x / side)), max(1, round(long_y / side))
+    column, row = np.meshgrid(np.arange(nx), np.arange(ny))
+    along = _hilbert(column.ravel(), row.ravel(), int(max(nx, ny) - 1).bit_length())
+    order = np.argsort(along, kind="stable")
+    column, row = column.ravel()[order], row.ravel()[order]
+    step = long_x / nx, long_y / ny
+    x = domain.x[0] + (column + 0.5) * step[0]
+    y = domain.y[0] + (row + 0.5) * step[1]
+    blocked = barrier.holds(x, y)
+    group = np.zeros(len(x), np.int64) if grid is None else grid.locate(x, y).astype(np.int64)
+    group[blocked] = -1
+    clear = None
+    if blocked.any():
+        free = np.ones((ny, nx), bool)
+        free[row[blocked], column[blocked]] = False
+        clear = ndimage.distance_transform_edt(free, sampling=step[::-1])[row, column]
+    return _Ground((ny, nx), step, column, row, group, np.zeros(len(x)), clear)
+
+
+def _spread(ground: _Ground, grid: Grid, ice: np.ndarray) -> None:
+    """Spread the ice of each grid cell over its raster cells."""
+    here = ground.group >= 0
+    count = np.bincount(ground.group[here], minlength=grid.size)
+    ground.ice[here] = (ice / np.maximum(count, 1))[ground.group[here]]
+    if ((count == 0) & (ice > 0)).any():
+        raise InputError(
+            f"grid: cell {int(np.flatnonzero((count == 0) & (ice > 0))[0])} is too small beside the "
+            "domain; choose a grid of more even cells"
+        )
+
+
+@jit
+def _hilbert(column, row, order):
+    """Place along the Hilbert curve of a square of 2**order cells a side."""
+    place = np.empty(column.size, np.int64)
+    for k in range(column.size):
+        x, y, d = column[k], row[k], 0
+        for level in range(order - 1, -1, -1):
+            s = 1 << level
+            right, upper = (x >> level) & 1, (y >> level) & 1
+            d += s * s * ((3 * right) ^ upper)
+            x &= s - 1
+            y &= s - 1
+            if upper == 0:
+                if right == 1:
+                    x, y = s - 1 - x, s - 1 - y
+                x, y = y, x
+        place[k] = d
+    return place
+
+
+def _pack(
+    radius: np.ndarray,
+    ground: _Ground,
+    barrier: _Barrier,
+    domain: Domain,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of floes, and the grid cell that each was laid in; radii are swapped in place."""
+    n = len(radius)
+    x, y, group = np.empty(n), np.empty(n), np.zeros(n, np.int64)
+    if n == 0:
+        return x, y, group
+    size_class = np.floor(np.log(radius.max() / radius) / np.log(CLASS) + 1e-9).astype(int)
+    laid = np.zeros(0, np.int64)
+    classes = np.unique(size_class)
+    for number in classes:
+        new = np.flatnonzero(size_class == number)
+        x[new], y[new], group[new] = _lay(
+            radius[new], ground, x[laid], y[laid], radius[laid], domain, rng
+        )
+        laid = np.concatenate([laid, new])
+        here = x[laid], y[laid], radius[laid]
+        free = np.ones(len(laid), bool)
+        if number == classes[-1]:
+            _press(*here, free, barrier.discs, domain, EDGES_KEPT, rng=rng)
+        else:
+            _press(*here, free, barrier.discs, domain, EDGES_KEPT, sweeps=100)
+        x[laid], y[laid], radius[laid] = here
+    return x, y, group
+
+
+def _lay(
+    radius: np.ndarray,
+    ground: _Ground,
+    other_x: np.ndarray,
+    other_y: np.ndarray,
+    other_radius: np.ndarray,
+    domain: Domain,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """String floes along the curve, over the ice that the floes laid before have left."""
+    ny, nx = ground.shape
+    taken = np.zeros((ny, nx), bool)
+    periodic = tuple(length is not None for length in domain.period)
+    _cover(
+        taken, (other_x - domain.x[0]) / ground.step[0], (other_y - domain.y[0]) / ground.step[1],
+        other_radius, *ground.step, *periodic,
+    )  # fmt: skip
+    taken = taken[ground.row, ground.column]
+    here = ground.group >= 0
+    group = ground.group[here]
+    ice = np.bincount(group, ground.ice[here])
+    left = np.maximum(ice - np.bincount(group, taken[here] * np.prod(ground.step)), 0.0)
+    open_ice = np.where(here & ~taken, ground.ice, 0.0)
+    share = left / np.maximum(np.bincount(group, open_ice[here]), np.finfo(float).tiny)
+    weight = np.zeros(len(taken))
+    weight[here] = open_ice[here] * share[group]
+    if ground.clear is not None:
+        roomy = weight * (ground.clear >= np.median(radius))
+        weight = roomy if roomy.any() else weight
+    if not weight.any():
+        weight = ground.ice
+    reached = np.cumsum(weight)
+    area = radius**2
+    middle = (np.cumsum(area) - area / 2) / area.sum() * reached[-1]
+    place = np.searchsorted(reached, middle, side="right")
+    place = np.minimum(place, np.flatnonzero(weight)[-1])
+    x = domain.x[0] + (ground.column[place] + rng.random(len(place))) * ground.step[0]
+    y = domain.y[0] + (ground.row[place] + rng.random(len(place))) * ground.step[1]
+    return x, y, np.maximum(ground.group[place], 0)
+
+
+@jit
+def _cover(taken, x, y, radius, step_x, step_y, periodic_x, periodic_y):
+    """Mark raster cells whose centres lie in a disc; x and y in raster cells."""
+    ny, nx = taken.shape
+    for k in range(x.size):
+        reach_x, reach_y = radius[k] / step_x, radius[k] / step_y
+        for row in range(int(np.ceil(y[k] - reach_y - 0.5)), int(np.floor(y[k] + reach_y - 0.5)) + 1):
+            if not periodic_y and (row < 0 or row >= ny):
+                continue
+            dy = (row + 0.5 - y[k]) / reach_y
+            half = reach_x * np.sqrt(max(0.0, 1.0 - dy * dy))
+            for column in range(int(np.ceil(x[k] - half - 0.5)), int(np.floor(x[k] + half - 0.5)) + 1):
+                if periodic_x or (column >= 0 and column < nx):
+                    taken[row % ny, column % nx] = True

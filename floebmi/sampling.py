@@ -286,7 +286,11 @@ def check_floes(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres and radii [m] as float64 arrays of one shape (n,), finite, the radii positive."""
-    arrays = np.broadcast_arrays(np.atleast_1d(x), y, radius)
+    try:
+        arrays = np.broadcast_arrays(np.atleast_1d(x), y, radius)
+    except ValueError:
+        shapes = ", ".join(str(np.shape(values)) for values in (x, y, radius))
+        raise InputError(f"floes: x, y, radius are {shapes}: must be one shape (n,)") from None
     x, y, radius = (np.ascontiguousarray(values, np.float64) for values in arrays)
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")

@@ -35,7 +35,7 @@ from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, Oc
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Positive, PositiveFraction
-from floebmi.run import check_intervals
+from floebmi.running import check_intervals
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
 from floebmi.sizes import from_file as sizes_from_file
 from floebmi.tables import (
@@ -776,7 +776,7 @@ class Scene(Table):
     def _arrange(
         self, group: Any, k: int, domain: Domain, grid: Grid | None, land: list[np.ndarray]
     ) -> Floes:
-        import floebmi.packing as packing
+        from floebmi import packing
 
         seed = getattr(group, "seed", None)
         seed = self.seed + k if seed is None else seed
@@ -828,10 +828,10 @@ class Scene(Table):
         return fraction, thickness
 
     def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "Source | None":
-        from floebmi import forcing
-
         if table is None or fluid is None:
             return None
+        from floebmi import forcing
+
         if table.file is None:
             return forcing.Constant(*(table.velocity or (0.0, 0.0)))
         return forcing.VelocityFile(

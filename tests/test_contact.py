@@ -57,7 +57,7 @@ def test_the_normal_force_is_minus_the_slope_of_the_energy(name, gap):
 
 def test_the_tangential_force_is_minus_the_slope_of_the_energy_while_it_sticks():
     law, slip, step = prepare(frictional()), 0.003, 1e-5
-    f = pair_force(law, -0.1, 0.0, 0.0, 10.0, 10.0, 1.0, 1.0, 1.0, slip, 0.0, 0.0)
+    f = pair_force(law, -0.1, 0.0, 0.0, 10.0, 10.0, 1.0, 1.0, 1.0, slip, 0.0, 0.0, 0.0)
     up, down = (force_and_energy(law, -0.1, slip + d, 0.0)[1] for d in (step, -step))
     assert f.f_t == pytest.approx(-(up - down) / (2 * step), rel=1e-6)
 
@@ -68,9 +68,9 @@ def test_the_stiffness_ratio_is_that_of_the_reference_code():
 
 def test_friction_is_limited_by_coulomb_and_forming_it_again_gives_the_same_bits():
     law = prepare(frictional(friction=0.3))
-    f = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, 0.01, 0.0, 0.1)
+    f = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, 0.01, 0.0, 0.0, 0.1)
     assert abs(f.f_t) == pytest.approx(0.3 * f.f_n, rel=1e-14)
-    again = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, f.slip, 0.0, 0.0)
+    again = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, f.slip, 0.0, 0.0, 0.0)
     assert (again.f_t, again.slip) == (f.f_t, f.slip)
     assert f.friction_loss > 0
 

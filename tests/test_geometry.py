@@ -1,6 +1,7 @@
 """Areas of discs in rectangles and polygons, and cuts of branches, against independent answers."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -136,8 +137,8 @@ def test_the_tiles_of_a_square_add_up_to_the_square(x, y, r):
     edges = np.linspace(-1, 1, 6)
     tiles = sum(
         disc_rectangle(w, e, s, n, x, y, r)
-        for w, e in zip(edges[:-1], edges[1:], strict=True)
-        for s, n in zip(edges[:-1], edges[1:], strict=True)
+        for w, e in pairwise(edges)
+        for s, n in pairwise(edges)
     )
     assert tiles == pytest.approx(disc_rectangle(-1, 1, -1, 1, x, y, r), abs=1e-14)
 

@@ -68,7 +68,7 @@ def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
 
 
 def contact_code(law):
-    arguments = (law, -0.1, 0.0, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.1)
+    arguments = (law, -0.1, 0.0, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.1)
     return machine_code(dynamics.pair_force.py_func, *arguments)
 
 

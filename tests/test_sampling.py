@@ -271,6 +271,7 @@ ONE = floe_weights(GRID, [1.0], [1.0], [1.0])
         (lambda: floe_weights(GRID, [1.0], [1.0], 1.0, "center"), "did you mean 'centre'"),
         (lambda: floe_weights(GRID, [1.0], [1.0], 1.0, period=(SIDE / 2, None)), "shorter"),
         (lambda: floe_weights(GRID, [1.0], [1.0], 1.0, period=(0.0, None)), "period"),
+        (lambda: floe_weights(GRID, [1.0, 2.0], [1.0, 2.0], np.ones(3)), "one shape"),
         (lambda: floe_weights(GRID, [[1.0]], [[1.0]], 1.0), "must be"),
         (lambda: gather(ONE, np.ones(3)), r"must be \(144,\)"),
         (lambda: gather(ONE, np.ones(144), np.ones(2)), r"must be \(1,\)"),

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -63,14 +63,12 @@ class Report(NamedTuple):
 
     def __str__(self) -> str:
         speed = self.floe_steps / self.wall.ice if self.wall.ice else 0.0
-        lines = [
+        return (
             f"{duration_text(self.end - self.start)} simulated in {self.wall.total:.1f} s: "
             f"{self.counters.steps} steps since the start, "
             f"{self.counters.shortest_step:.3g} to {self.counters.longest_step:.3g} s long; "
-            f"{speed / 1e6:.1f} million floe-steps/s",
-            str(self.ledger),
-        ]
-        return "\n".join(lines)
+            f"{speed / 1e6:.1f} million floe-steps/s\n{self.ledger}"
+        )
 
     def profile(self) -> str:
         """A table of where the time went, and of what was counted."""
@@ -306,7 +304,7 @@ class _Frames:
         for writer in self._writers:
             writer.write(self._model)
 
-    def __enter__(self) -> "_Frames":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -401,7 +399,7 @@ class _Meter:
         )
         self._bar.update(done - self._bar.n)
 
-    def __enter__(self) -> "_Meter":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
