@@ -118,7 +118,7 @@ def coverage(
         for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
     """
     x, y, radius = check_floes(x, y, radius)
-    start, cell, area = overlap_areas(grid, x, y, radius, np.ones(grid.size, bool), period)
+    start, cell, area = overlap_areas(grid, x, y, radius, period, only_wet=False)
     inside = np.bincount(_floe(start), weights=area, minlength=radius.size)
     outside = np.pi * radius**2 - inside
     outside[np.abs(outside) <= 1e-13 * inside] = 0.0  # round-off of a floe that lies inside

@@ -291,7 +291,7 @@ def check_floes(
     except ValueError:
         shapes = ", ".join(str(np.shape(values)) for values in (x, y, radius))
         raise InputError(f"floes: x, y, radius are {shapes}: must be one shape (n,)") from None
-    x, y, radius = (np.ascontiguousarray(values, np.float64) for values in arrays)
+    x, y, radius = (np.array(values, np.float64, order="C") for values in arrays)
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
     for name, values in (("x", x), ("y", y), ("radius", radius)):
@@ -326,11 +326,12 @@ def overlap_areas(
     x: np.ndarray,
     y: np.ndarray,
     radius: np.ndarray,
-    keep: np.ndarray,
     period: Period,
+    only_wet: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Exact areas [m²] of discs in the cells where `keep` is True: start, cell, area by floe."""
+    """Exact areas [m²] of discs in the wet cells, or in all cells: start, cell, area by floe."""
     x, y, radius = check_floes(x, y, radius)
+    keep = grid.wet | (not only_wet)  # a fresh array in both cases: one type, compiled once
     lengths = check_period(grid, period)
     if grid.x_edges is not None:
         return _overlap_rectangles(*grid.axes, keep, x, y, radius, *lengths)
@@ -364,7 +365,7 @@ def floe_weights(
         for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
     """
     if accuracy == "overlap":
-        start, cell, weight = overlap_areas(grid, x, y, radius, grid.wet, period)
+        start, cell, weight = overlap_areas(grid, x, y, radius, period, only_wet=True)
         _normalise(start, weight)
         return Weights(start, cell, weight, grid.size)
     if accuracy != "centre":

@@ -17,7 +17,7 @@ def _warped_corners() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mixed_faces() -> list[list[int]]:
-    """Blocks of 2 × 2 quadrilaterals, in turn whole, cut into triangles, or made an L and a rest."""
+    """Blocks of 2 × 2 quadrilaterals, in turn whole, cut into triangles, or an L and a rest."""
     faces: list[list[int]] = []
     row = CELLS + 1
     for j in range(0, CELLS, 2):

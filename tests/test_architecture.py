@@ -1,0 +1,77 @@
+"""The order of the house: imports go one way, equations that are cited exist, numba is set up in one place."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "floebmi"
+FILES = sorted(PACKAGE.glob("*.py"))
+
+
+def imports_at_the_top(path):
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("floebmi."):
+            yield node.module.split(".")[1]
+        elif isinstance(node, ast.Import):
+            yield from (a.name.split(".")[1] for a in node.names if a.name.startswith("floebmi."))
+
+
+def test_imports_go_one_way():
+    graph = {path.stem: set(imports_at_the_top(path)) for path in FILES}
+    placed = set()
+    while graph:
+        free = {name for name, needs in graph.items() if needs <= placed}
+        assert free, f"these files import each other in a circle: {sorted(graph)}"
+        placed |= free
+        graph = {name: needs for name, needs in graph.items() if name not in free}
+
+
+@pytest.mark.parametrize(
+    "below, above",
+    [
+        ("contact", {"model", "scene", "bmi", "cli", "output", "plot", "run"}),
+        ("forces", {"model", "scene", "bmi", "cli", "output", "plot", "run"}),
+        ("dynamics", {"model", "scene", "bmi", "cli", "output", "plot", "run"}),
+        ("model", {"scene", "bmi", "cli", "plot", "run", "output"}),
+        ("plot", {"model", "advance", "dynamics", "bmi"}),
+    ],
+)
+def test_physics_does_not_know_who_runs_it(below, above):
+    reached, rest = set(), {below}
+    while rest:
+        path = PACKAGE / f"{rest.pop()}.py"
+        new = set(imports_at_the_top(path)) - reached
+        reached |= new
+        rest |= new
+    assert not reached & above
+
+
+def test_the_package_does_not_import_the_couplings():
+    for path in FILES:
+        assert not re.search(r"^\s*(from|import) coupling", path.read_text(), re.M), path.name
+
+
+def test_numba_is_set_up_in_kernels_alone():
+    for path in FILES:
+        if path.stem != "kernels":
+            assert not re.search(r"njit|numba\.jit|prange|numba\.config", path.read_text()), path.name
+
+
+def test_every_equation_that_is_cited_is_defined_in_the_theory():
+    defined = set(re.findall(r"\*\*([a-z0-9-]+)\*\*", (ROOT / "docs/theory.md").read_text()))
+    for path in [*FILES, *sorted((ROOT / "coupling").glob("*.py"))]:
+        for group in re.findall(r"\(eqs?\. ([a-z0-9, -]+)\)", path.read_text()):
+            for name in re.split(r",\s*", group):
+                assert name in defined, f"{path.name} cites eq. {name}"
+
+
+def test_importing_the_package_touches_neither_numba_nor_xarray():
+    import subprocess
+    import sys
+
+    code = "import sys, floebmi; print([m for m in ('numba', 'xarray', 'matplotlib') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]", done.stderr
