@@ -64,6 +64,8 @@ OVER_ICE = {  # means over the ice, and what weights them
     "sea_ice__thickness": "sea_ice__area_fraction",
     "sea_ice_flowing__x_component_of_velocity": "sea_ice__mass-per-area_density",
     "sea_ice_flowing__y_component_of_velocity": "sea_ice__mass-per-area_density",
+    "sea_ice_floe_bottom_water_flowing__x_z_component_of_stress": "sea_ice__area_fraction",
+    "sea_ice_floe_bottom_water_flowing__y_z_component_of_stress": "sea_ice__area_fraction",
 }
 ON_WATER = "sea_ice_bottom_water_flowing__"  # stresses with this beginning are in the ledger
 MOMENTUM = "__domain_integral_of_{a}_component_of_momentum"  # ends of names of scalar outputs
@@ -246,11 +248,9 @@ class Coupling:
                 )
         connections = []
         for name in taker.inputs:
-            wanted = explicit.get(name, _running(name) if giver is self.floes else name)
-            if name not in explicit and wanted not in giver.outputs:
-                wanted = name
-                if wanted not in giver.outputs:
-                    continue
+            likely = (_running(name), name) if giver is self.floes else (name,)
+            by_name = next((output for output in likely if output in giver.outputs), None)
+            wanted = explicit.get(name, by_name)
             if wanted is None:
                 continue
             link = Link(wanted) if isinstance(wanted, str) else wanted
@@ -269,9 +269,8 @@ class Coupling:
             giver.units(link.source), taker.units(target), running, link.source, target
         )
         weight = link.weight or OVER_ICE.get(link.source)
-        kind = link.kind or (
-            "integral" if any(word in link.source for word in PER_AREA) else "mean"
-        )
+        per_area = weight is None and any(word in link.source for word in PER_AREA)
+        kind = link.kind or ("integral" if per_area else "mean")
         if kind not in ("integral", "mean"):
             raise InputError(f"couple: kind = {kind!r} of {target}: allowed: integral, mean")
         if weight is not None and (kind == "integral" or weight not in giver.outputs):
@@ -291,8 +290,9 @@ class Coupling:
         pair = grids if giver is self.host else grids[::-1]
         sides = (link.source, target) if giver is self.host else (target, link.source)
         return _Connection(
-            giver, taker, link.source, target, kind, weight, running, convert, self._regrid(pair, sides)
-        )
+            giver, taker, link.source, target, kind, weight, running, convert,
+            _pascals(taker.units(target), target), self._regrid(pair, sides),
+        )  # fmt: skip
 
     def _regrid(self, pair: tuple[int, int], names: tuple[str, str]) -> Regrid | None:
         """Weights between a grid of the host and one of the floes; None where they are the same cells."""
@@ -342,55 +342,63 @@ class Coupling:
 
     def exchange(self, until: float) -> Exchange:
         """One exchange, to a time of the floes' clock [s]."""
-        now, host_now = self.floes.time(), self.host.time()
-        before = self._accounts()
-        self._guard(self._give_states)
-        self._guard(self.floes.update_until, until, self.every)
-        impulse, delivered, lost = self._guard(self._give_back, until - now)
-        self._guard(self.host.update_until, host_now + (until - now), self.every)
-        after = self._accounts()
-        change = {name: after[name] - before[name] for name in after}
-        dry = change.get("no water", np.zeros(2))
-        floes, other = change.get("floes"), change.get("other")
-        line = Exchange(
-            number=len(self.ledger) + 1,
-            time=until,
-            duration=until - now,
-            from_host=-impulse,
-            to_host=delivered,
-            undelivered=lost,
-            exchange_residual=-impulse + delivered + lost,
-            floes=floes,
-            other=other,
-            budget_residual=None
-            if floes is None or other is None
-            else floes + impulse + dry - other,
-            host=change.get("host"),
-            turnover=self._turnover,
-        )
+        now = self.floes.time()
+        try:
+            line = self._exchange(now, until)
+        except Exception as error:
+            details = getattr(error, "details", None)  # where gRPC has its text
+            text = str(details() if callable(details) else error) or type(error).__name__
+            raise CouplingError(
+                f"exchange {len(self.ledger) + 1}, {now:g} … {until:g} s: {text.splitlines()[0]}"
+                f"; {self._save()}"
+            ) from error
         self.ledger.append(line)
         return line
 
-    def _guard(self, act: Callable, *values: object) -> object:
-        """Do it; if it fails, save the floes' state and say in one line what happened."""
-        try:
-            return act(*values)
-        except Exception as error:
-            text = str(error).strip().splitlines() or [type(error).__name__]
-            line = f"exchange {len(self.ledger) + 1}: {text[0]}{self._save()}"
-            raise CouplingError(line) from error
+    def _exchange(self, now: float, until: float) -> Exchange:
+        host_now = self.host.time()
+        if abs(host_now - now - self.offset) > SAME_TIME * self.every:
+            raise InputError(
+                f"the host is at {host_now:g} s, where it should be at {now + self.offset:g} s"
+            )
+        before = self._accounts()
+        self._give_states()
+        self.floes.update_until(until, self.every)
+        stress = self._give_back(until - now)
+        self.host.update_until(until + self.offset, self.every)
+        after = self._accounts()
+        change = {name: after[name] - before[name] for name in after}
+        floes, other = change.get("floes"), change.get("other")
+        budget = None
+        if floes is not None and other is not None and stress.axes == {0, 1}:
+            budget = floes + stress.given + change.get("no water", np.zeros(2)) - other
+        return Exchange(
+            number=len(self.ledger) + 1,
+            time=until,
+            duration=until - now,
+            from_host=-stress.given,
+            to_host=stress.taken,
+            undelivered=stress.missed,
+            exchange_residual=stress.taken + stress.missed - stress.given,
+            floes=floes,
+            other=other,
+            budget_residual=budget,
+            host=change.get("host"),
+            turnover=self._turnover,
+        )
 
     def _save(self) -> str:
+        """Save the floes' state after a failure; what came of it, in words."""
         try:
-            place = f"; floes at {self.floes.time():g} s"
-        except Exception:  # the floes themselves are gone; the first error is the one to tell
-            return "; floes do not answer"
+            place = f"floes at {self.floes.time():g} s"
+        except Exception:  # noqa: BLE001  the floes are gone; the first error is the one to tell
+            return "floes do not answer"
         save = getattr(self.floes.model, "save_state", None)
         if save is None or self.rescue is None:
             return place
         try:
             save(str(self.rescue))
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001
             return f"{place}; their state could not be saved ({error})"
         return f"{place}, their state saved in {self.rescue}"
 
@@ -413,7 +421,7 @@ class Coupling:
                 _instant(connection.source) if connection.running else connection.source
             )
             connection.put(connection.carry(connection.scaled(values, self.every, was_mean=True)))
-        self._guard(self.host.update_until, self.host.time() + self.every, self.every)
+        self.host.update_until(self.floes.time() + self.offset, self.every)
 
     def _give_states(self) -> None:
         for side in (self.host, self.floes):
@@ -424,22 +432,22 @@ class Coupling:
         for connection in self.to_host:
             connection.remember()
 
-    def _give_back(self, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        impulse, delivered, lost = np.zeros(2), np.zeros(2), np.zeros(2)
+    def _give_back(self, duration: float) -> _Impulse:
+        total = _Impulse(np.zeros(2), np.zeros(2), np.zeros(2), set())
         for connection in self.to_host:
             values = connection.scaled(connection.since(), duration)
             carried = connection.carry(values)
             connection.put(carried)
-            if connection.kind == "integral" and connection.source.startswith(ON_WATER):
-                axis = _axis(connection.source)
-                if axis is None:
-                    continue
+            axis = _axis(connection.source)
+            of_water = connection.kind == "integral" and connection.source.startswith(ON_WATER)
+            if of_water and axis is not None:
                 given, taken, missed, turned = connection.force(values, carried)
-                impulse[axis] += given * duration
-                delivered[axis] += taken * duration
-                lost[axis] += missed * duration
+                total.given[axis] += given * duration
+                total.taken[axis] += taken * duration
+                total.missed[axis] += missed * duration
+                total.axes.add(axis)
                 self._turnover += turned * duration
-        return impulse, delivered, lost
+        return total
 
     def _accounts(self) -> dict[str, np.ndarray]:
         """Running totals that the models offer [N s]."""
@@ -464,6 +472,15 @@ class Coupling:
         lines += [f"├─ {regrid!r}" for regrid in self._regrids.values()]
         lines.append(f"└─ nobody fills: {', '.join(self.unmatched) or 'nothing'}")
         return "\n".join(lines)
+
+
+class _Impulse(NamedTuple):
+    """Of ice on water in one exchange: on the floes' grid, on the host's, lost between them [N s]."""
+
+    given: np.ndarray
+    taken: np.ndarray
+    missed: np.ndarray
+    axes: set[int]
 
 
 class _Side:
@@ -568,11 +585,12 @@ class _Connection:
         weight: str | None,
         running: bool,
         convert: Callable[[np.ndarray], np.ndarray],
+        pascals: float,
         regrid: Regrid | None,
     ) -> None:
         self.giver, self.taker, self.source, self.target = giver, taker, source, target
         self.kind, self.weight, self.running, self.regrid = kind, weight, running, regrid
-        self._convert = convert
+        self._convert, self._pascals = convert, pascals
         self._before: np.ndarray | None = None
 
     @property
@@ -633,18 +651,15 @@ class _Connection:
         self, values: np.ndarray, carried: np.ndarray
     ) -> tuple[float, float, float, float]:
         """A stress summed over the giver's cells, over the taker's, what is lost, and Σ |.| [N]."""
-        if self.regrid is None:
-            area = self.giver.know_grid(self.source).area
-            given = values * area
-            return float(given.sum()), float((carried * area).sum()), 0.0, float(np.abs(given).sum())
         r = self.regrid
-        given = np.where(r.target.wet, values, 0.0) * r.target_area
-        return (
-            float(given.sum()),
-            float((carried * r.source_area).sum()),
-            r.undelivered(values),
-            float(np.abs(given).sum()),
-        )
+        if r is None:
+            given = values * self.giver.know_grid(self.source).area
+            taken, missed = given.sum(), 0.0
+        else:
+            given = np.where(r.target.wet, values, 0.0) * r.target_area
+            taken, missed = (carried * r.source_area).sum(), r.undelivered(values)
+        sums = given.sum(), taken, missed, np.abs(given).sum()
+        return tuple(float(value) * self._pascals for value in sums)
 
     def __repr__(self) -> str:
         how = f"{self.kind} kept" + (f", weighted by {self.weight}" if self.weight else "")
@@ -703,6 +718,12 @@ def _converter(
     if one == other:
         return lambda values: values
     return lambda values: one.convert(values, other)
+
+
+def _pascals(units: str, of: str) -> float:
+    """Pascals in a unit of stress, 0 for other quantities."""
+    unit = _unit(units, of)
+    return float(unit.convert(1.0, "Pa")) if unit.is_convertible("Pa") else 0.0
 
 
 def _seconds(units: str | None, side: str) -> float:

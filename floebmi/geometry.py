@@ -47,6 +47,8 @@ def disc_edge(ax, ay, bx, by, r):
     """Twice the signed area that the disc of radius r about O shares with the triangle O a b."""
     dx, dy = bx - ax, by - ay
     A = dx * dx + dy * dy
+    if A == 0.0:
+        return 0.0
     B = ax * dx + ay * dy
     C = ax * dy - ay * dx
     D = A * r * r - C * C
@@ -74,7 +76,7 @@ def disc_polygon(corner_x, corner_y, x, y, r):
 
     Parameters
     ----------
-    corner_x, corner_y : (k,) corners [m]
+    corner_x, corner_y : (k,) corners [m]; the first may be repeated at the end
     x, y, r : centre and radius of the disc [m]
     """
     twice = 0.0

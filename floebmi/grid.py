@@ -82,7 +82,7 @@ def contains(corner_x, corner_y, x, y):
 
 
 @jit
-def find_cell(x, y, origin, scale, start, cell, box, raster, corner_x, corner_y, corners):
+def find_cell(x, y, origin, scale, start, cell, box, raster, corner_x, corner_y):
     """The cell that holds a point, -1 outside all cells."""
     bx = bin_of(x, origin[0], scale[0], raster[0])
     by = bin_of(y, origin[1], scale[1], raster[1])
@@ -90,7 +90,7 @@ def find_cell(x, y, origin, scale, start, cell, box, raster, corner_x, corner_y,
     for m in range(start[b], start[b + 1]):
         c = cell[m]
         near = box[c, 0] <= x <= box[c, 1] and box[c, 2] <= y <= box[c, 3]
-        if near and contains(corner_x[c, : corners[c]], corner_y[c, : corners[c]], x, y):
+        if near and contains(corner_x[c], corner_y[c], x, y):
             return c
     return -1
 
@@ -132,12 +132,10 @@ def _locate_rectilinear(x_edges, x_first, y_edges, y_first, x, y, found):
 
 
 @jit
-def _locate_polygons(
-    origin, scale, start, cell, box, raster, corner_x, corner_y, corners, x, y, found
-):
+def _locate_polygons(origin, scale, start, cell, box, raster, corner_x, corner_y, x, y, found):
     for k in range(x.size):
         found[k] = find_cell(
-            x[k], y[k], origin, scale, start, cell, box, raster, corner_x, corner_y, corners
+            x[k], y[k], origin, scale, start, cell, box, raster, corner_x, corner_y
         )
 
 
@@ -349,11 +347,6 @@ class Grid:
         return float(x.min()), float(x.max()), float(y.min()), float(y.max())
 
     @functools.cached_property
-    def corners(self) -> np.ndarray:
-        """(size,) number of corners of each cell."""
-        return (self.face_nodes >= 0).sum(axis=1)
-
-    @functools.cached_property
     def corner_x(self) -> np.ndarray:
         """(size, most corners) x of the corners [m], padded with the first corner."""
         return _corner(self.node_x, self.face_nodes)
@@ -412,7 +405,7 @@ class Grid:
             inside = np.isfinite(x) & np.isfinite(y)
             _locate_polygons(
                 b.origin, b.scale, b.start, b.cell, b.box, b.raster,
-                self.corner_x, self.corner_y, self.corners,
+                self.corner_x, self.corner_y,
                 np.where(inside, x, np.inf), np.where(inside, y, np.inf), found,
             )  # fmt: skip
         return found
@@ -599,7 +592,7 @@ def _quadrilaterals(ny: int, nx: int) -> np.ndarray:
 
 
 def _corner(node: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Coordinates (size, most corners); padding repeats the first corner, which adds no area."""
+    """Coordinates (size, most corners); padding repeats the first corner: edges without length."""
     return node[np.where(faces >= 0, faces, faces[:, :1])]
 
 

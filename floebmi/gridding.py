@@ -223,7 +223,7 @@ def _insert(cuts, n, t):
 
 @jit
 def _branch_shares(
-    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, corners, bounds,
+    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, bounds,
     x, y, dx, dy, period_x, period_y,
 ):  # fmt: skip
     """Share of each branch in the cells that it crosses: start, cell, share.
@@ -235,7 +235,7 @@ def _branch_shares(
     cell = np.empty(4 * x.size, np.int64)
     share = np.empty(4 * x.size, np.float64)
     cuts = np.empty(64)
-    m = 0
+    m = start[0]
     for k in range(x.size):
         half_x, half_y = 0.5 * abs(dx[k]), 0.5 * abs(dy[k])
         first_x, last_x = images(bounds[0], bounds[1], half_x, x[k] + 0.5 * dx[k], period_x)
@@ -264,8 +264,8 @@ def _branch_shares(
                                 continue
                             if box[c, 2] > north or box[c, 3] < south:
                                 continue
-                            last = corners[c] - 1
-                            for corner in range(corners[c]):
+                            last = corner_x.shape[1] - 1
+                            for corner in range(corner_x.shape[1]):
                                 t = cut(
                                     px, py, dx[k], dy[k],
                                     corner_x[c, last], corner_y[c, last],
@@ -281,7 +281,7 @@ def _branch_shares(
                         middle = 0.5 * (begin + cuts[e])
                         c = find_cell(
                             px + middle * dx[k], py + middle * dy[k], origin, scale,
-                            bin_start, bin_cell, box, raster, corner_x, corner_y, corners,
+                            bin_start, bin_cell, box, raster, corner_x, corner_y,
                         )  # fmt: skip
                         if c >= 0:
                             cell, share = append(cell, share, m, c, cuts[e] - begin)
@@ -328,7 +328,7 @@ def internal_stress(
             raise InputError(f"contact {k}: {name} = {values[k]}: must be finite")
     x, y, dx, dy, fx, fy = arrays
     start, cell, share = _branch_shares(
-        *grid.bins, grid.corner_x, grid.corner_y, grid.corners, grid.bounds,
+        *grid.bins, grid.corner_x, grid.corner_y, grid.bounds,
         x, y, dx, dy, *check_period(grid, period),
     )  # fmt: skip
     contact = _floe(start)

@@ -742,18 +742,18 @@ def _write_ledger(data: "Dataset", k: int, model: "Model") -> None:
 
 
 @contextlib.contextmanager
-def open_file(path: str | Path, kind: str) -> Iterator["Dataset"]:
+def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
     """A file of this module for reading, also while a run still writes it.
 
     Parameters
     ----------
     path : the file
-    kind : "gridded" or "trajectories"
+    kinds : which may be opened: "gridded", "trajectories"
 
     Raises
     ------
     InputError
-        if there is no such file, it is no NetCDF file, or not one of this kind and version.
+        if there is no such file, it is no NetCDF file, or not one of these kinds and of this version.
     """
     from netCDF4 import Dataset
 
@@ -771,9 +771,10 @@ def open_file(path: str | Path, kind: str) -> Iterator["Dataset"]:
                 data = stack.enter_context(Dataset(copy))
             except OSError:
                 raise InputError(f"{path}: is no NetCDF file, or a damaged one") from None
-        found = str(getattr(data, "floebmi_file", "unknown to floebmi"))
-        if found != f"{kind} {FILE_VERSION}":
-            raise InputError(f"{path}: is {found!r}; must be a '{kind} {FILE_VERSION}' file")
+        found = str(getattr(data, "floebmi_file", "none of floebmi's"))
+        wanted = [f"{kind} {FILE_VERSION}" for kind in kinds]
+        if found not in wanted:
+            raise InputError(f"{path}: is {found!r}; must be {' or '.join(map(repr, wanted))}")
         yield data
 
 

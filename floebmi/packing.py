@@ -109,6 +109,8 @@ def scatter(
     rng = np.random.Generator(np.random.PCG64(seed))
     barrier = _barrier(land, domain, sizes.range[0])
     room = domain.area - barrier.area
+    if room <= 1e-9 * domain.area:
+        raise InputError("land covers the whole domain; must leave room for floes")
     if count is not None:
         if int(count) != count or count < 0:
             raise InputError(f"count = {count!r}; must be a whole number, at least 0")
@@ -794,7 +796,7 @@ def _pack(
     for number in classes:
         new = np.flatnonzero(size_class == number)
         x[new], y[new], group[new] = _lay(
-            radius[new], ground, x[laid], y[laid], radius[laid], domain, rng
+            radius[new], ground, barrier, x[laid], y[laid], radius[laid], domain, rng
         )
         laid = np.concatenate([laid, new])
         here = x[laid], y[laid], radius[laid]
@@ -810,6 +812,7 @@ def _pack(
 def _lay(
     radius: np.ndarray,
     ground: _Ground,
+    barrier: _Barrier,
     other_x: np.ndarray,
     other_y: np.ndarray,
     other_radius: np.ndarray,
@@ -843,8 +846,11 @@ def _lay(
     middle = (np.cumsum(area) - area / 2) / area.sum() * reached[-1]
     place = np.searchsorted(reached, middle, side="right")
     place = np.minimum(place, np.flatnonzero(weight)[-1])
-    x = domain.x[0] + (ground.column[place] + rng.random(len(place))) * ground.step[0]
-    y = domain.y[0] + (ground.row[place] + rng.random(len(place))) * ground.step[1]
+    within = rng.random((2, len(place)))
+    for _ in range(2):
+        x = domain.x[0] + (ground.column[place] + within[0]) * ground.step[0]
+        y = domain.y[0] + (ground.row[place] + within[1]) * ground.step[1]
+        within[:, barrier.holds(x, y)] = 0.5  # a raster cell's centre is never on land
     return x, y, np.maximum(ground.group[place], 0)
 
 
@@ -862,3 +868,75 @@ def _cover(taken, x, y, radius, step_x, step_y, periodic_x, periodic_y):
             for column in range(int(np.ceil(x[k] - half - 0.5)), int(np.floor(x[k] + half - 0.5)) + 1):
                 if periodic_x or (column >= 0 and column < nx):
                     taken[row % ny, column % nx] = True
+
+
+def _press(
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray,
+    free: np.ndarray,
+    discs: np.ndarray,
+    domain: Domain,
+    walls: tuple[str, ...],
+    sweeps: int = SWEEPS,
+    rng: np.random.Generator | None = None,
+) -> float:
+    """Push floes apart, in place, until none overlap; the largest overlap left, over the smaller radius.
+
+    Floes stay inside edges that are one of the words in `walls`, and clear of the fixed `discs`.  With `rng`, radii
+    are swapped among the floes, or floes of a single size shaken.
+    """
+    n = len(x)
+    pressed = radius * (1 + SPARE)
+    skin = SKIN * float(np.median(pressed))
+    all_x, all_y, all_r = (np.concatenate(pair) for pair in zip((x, y, pressed), discs.T, strict=True))
+    mobile = np.concatenate([free.astype(float), np.zeros(len(discs))])
+    box = np.array(
+        [
+            at if getattr(domain, edge) in walls else far
+            for edge, at, far in (
+                ("west", domain.x[0], -np.inf),
+                ("east", domain.x[1], np.inf),
+                ("south", domain.y[0], -np.inf),
+                ("north", domain.y[1], np.inf),
+            )
+        ]
+    )
+    lengths = np.array([np.inf if length is None else length for length in domain.period])
+    narrow = pressed.max() < 1.05 * pressed.min()
+    every = 5 if narrow else 3
+    order = np.argsort(pressed, kind="stable")
+    squeezed = np.empty(len(all_x))
+    done, moved, grown, worst = 0, np.inf, 0.0, np.inf
+    while done < sweeps:
+        if moved + grown >= skin / 2:
+            _wrap(all_x[:n], domain.x, domain.period[0])
+            _wrap(all_y[:n], domain.y, domain.period[1])
+            _, i, j = find_pairs(all_x, all_y, all_r + skin / 2, domain.period)
+            i, j = _some_free(i, j, mobile > 0)
+            start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
+        steps, worst, moved = _push(
+            all_x, all_y, all_r, mobile, i, j, lengths, box, start_x, start_y,
+            skin / 2 - grown, every - done % every,
+        )  # fmt: skip
+        done += steps
+        if worst < SPARE and moved + grown < skin / 2:
+            _squeeze(all_x, all_y, all_r, i, j, lengths, squeezed)
+            if _worst(all_x, all_y, all_r, n, i, j, lengths) <= 0.0:
+                break
+        if rng is not None and done % every == 0:
+            _squeeze(all_x, all_y, all_r, i, j, lengths, squeezed)
+            if narrow:
+                shake = SHAKE * float(squeezed[:n].mean())
+                all_x[:n] += rng.normal(0.0, shake, n)
+                all_y[:n] += rng.normal(0.0, shake, n)
+            elif n > 1:
+                grown += _swap(all_r, squeezed, order, rng)
+    x[:], y[:], radius[:] = all_x[:n], all_y[:n], all_r[:n] / (1 + SPARE)
+    _wrap(x, domain.x, domain.period[0])
+    _wrap(y, domain.y, domain.period[1])
+    all_x[:n], all_y[:n] = x, y
+    all_r[:n] = radius
+    _, i, j = find_pairs(all_x, all_y, all_r, domain.period)
+    i, j = _some_free(i, j, mobile > 0)
+    return _worst(all_x, all_y, all_r, len(all_x), i, j, lengths)

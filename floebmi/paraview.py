@@ -13,25 +13,34 @@ import base64
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from floebmi.errors import InputError
-from floebmi.output import file_kind, open_file
+from floebmi.output import open_file
 from floebmi.variables import FLOE_VARIABLES, VARIABLES
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
 
-POLYGON = 7  # VTK's number of this cell type
+_POLYGON = 7  # VTK's number of this cell type
 _TYPES = {"f8": "Float64", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}
+
+
+class _Mesh(NamedTuple):
+    """The part of a VTK file that stays the same from frame to frame."""
+
+    kind: str
+    suffix: str
+    attributes: str
+    blocks: list[str]
 
 
 def export(
     path: str | Path, folder: str | Path, progress: Callable[[int, int], None] | None = None
 ) -> Path:
-    """Write a trajectory file as `floes*.vtp`, or a gridded file as `fields*.vtr` or `.vtu`.
+    """Write a trajectory file as `floes_*.vtp`, or a gridded file as `fields_*.vtr` or `.vtu`.
 
     Floes that have left, or have not yet come, are not in a frame.  A vector is one array of three
     components (the third is 0); missing values are NaN.  Fields on an atmosphere grid of its own are left
@@ -55,13 +64,12 @@ def export(
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder}: is a file; give the name of a folder")
-    kind = file_kind(path)
-    with open_file(path, kind) as data:
+    with open_file(path, "trajectories", "gridded") as data:
         data.set_auto_mask(False)
-        frames = _floe_frames(data) if kind == "trajectories" else _field_frames(data)
-        name = "floes" if kind == "trajectories" else "fields"
+        floes = data.floebmi_file.startswith("trajectories")
+        name, frames = ("floes", _floe_frames(data)) if floes else ("fields", _field_frames(data))
+        times = [float(t) for t in data["time"][:]]
         folder.mkdir(parents=True, exist_ok=True)
-        times = data["time"][:]
         entries = []
         for k, (suffix, text) in enumerate(frames):
             file = folder / f"{name}_{k:05d}.{suffix}"
@@ -69,44 +77,105 @@ def export(
             entries.append(f'<DataSet timestep="{times[k]!r}" file="{file.name}"/>')
             if progress is not None:
                 progress(k + 1, len(times))
-    entries = [entry.replace("np.float64(", "").replace(')"', '"') for entry in entries]
     collection = folder / f"{name}.pvd"
     part = collection.with_name(collection.name + ".part")
-    part.write_text(_document("Collection", "\n".join(entries)))
+    part.write_text(_document("Collection", entries))
     os.replace(part, collection)
     return collection
 
 
 def _floe_frames(data: "Dataset") -> Iterator[tuple[str, str]]:
     names = [row.name for row in FLOE_VARIABLES if row.name in data.variables]
-    shown = [name for name in names if name not in ("x", "y", "u", "v")]
     for k in range(len(data.dimensions["time"])):
-        frame = {
-            name: data[name][k] if data[name].ndim == 2 else data[name][:] for name in names
-        }
+        frame = {name: data[name][k] if data[name].ndim == 2 else data[name][:] for name in names}
         here = np.isfinite(frame["x"])
-        n = int(here.sum())
-        points = {"velocity": _vector(frame["u"][here], frame["v"][here])}
-        points["number"] = np.flatnonzero(here).astype(np.int32)
-        points.update((name, frame[name][here]) for name in shown)
-        order = np.arange(n)
-        piece = [
-            _block("Points", {"points": _vector(frame["x"][here], frame["y"][here])}),
-            _block("Verts", {"connectivity": order, "offsets": order + 1}),
-            _block("PointData", points),
+        frame = {name: values[here] for name, values in frame.items()}
+        place = _vector(frame.pop("x"), frame.pop("y"))
+        frame["velocity"] = _vector(frame.pop("u"), frame.pop("v"))
+        frame["number"] = np.flatnonzero(here)
+        n = len(place)
+        points = np.arange(n)
+        blocks = [
+            _block("Points", {"place": place}),
+            _block("Verts", {"connectivity": points, "offsets": points + 1}),
+            _block("PointData", frame),
         ]
-        yield "vtp", _piece("PolyData", f'NumberOfPoints="{n}" NumberOfVerts="{n}"', piece)
+        mesh = _Mesh("PolyData", "vtp", f'NumberOfPoints="{n}" NumberOfVerts="{n}"', blocks)
+        yield mesh.suffix, _piece(mesh, [])
 
 
 def _field_frames(data: "Dataset") -> Iterator[tuple[str, str]]:
-    dimensions = data["sea_ice_area_fraction" if False else _any_field(data)].dimensions[1:]
+    if "cell_area" not in data.variables:
+        raise InputError(f"{data.filepath()}: has no field on the exchange grid")
+    dimensions = data["cell_area"].dimensions
+    mesh = _rectangles(data) if dimensions == ("y", "x") else _polygons(data)
     rows = [
         row
         for row in VARIABLES
         if row.file_name in data.variables and data[row.file_name].dimensions[1:] == dimensions
     ]
-    geometry = _rectangles if dimensions == ("y", "x") else _polygons
-    kind, suffix, attributes, blocks = geometry(data)
     for k in range(len(data.dimensions["time"])):
         values = {row.name: data[row.file_name][k].ravel() for row in rows}
-        yield suffix, _piece(kind, attributes, [*blocks, _block("CellData", _join(values))])
+        for name in [name for name in values if name.endswith("_x")]:
+            if (other := name[:-1] + "y") in values:
+                values[name[:-2]] = _vector(values.pop(name), values.pop(other))
+        yield mesh.suffix, _piece(mesh, [_block("CellData", values)])
+
+
+def _rectangles(data: "Dataset") -> _Mesh:
+    edges = {}
+    for axis in "xy":
+        bounds = data[f"{axis}_bnds"][:]
+        edges[axis] = np.append(bounds[:, 0], bounds[-1, 1])
+    extent = f"0 {len(edges['x']) - 1} 0 {len(edges['y']) - 1} 0 0"
+    blocks = [_block("Coordinates", {**edges, "z": np.zeros(1)})]
+    return _Mesh("RectilinearGrid", "vtr", f'Extent="{extent}"', blocks)
+
+
+def _polygons(data: "Dataset") -> _Mesh:
+    if "face_nodes" in data.variables:
+        x, y, faces = data["node_x"][:], data["node_y"][:], data["face_nodes"][:]
+        corners = (faces >= 0).sum(axis=1)
+        connectivity = faces[faces >= 0]
+    else:  # each cell with corners of its own
+        x, y = data["x_bnds"][:].ravel(), data["y_bnds"][:].ravel()
+        corners = np.full(x.size // 4, 4)
+        connectivity = np.arange(x.size)
+    cells = {
+        "connectivity": connectivity,
+        "offsets": np.cumsum(corners),
+        "types": np.full(len(corners), _POLYGON, np.uint8),
+    }
+    attributes = f'NumberOfPoints="{len(x)}" NumberOfCells="{len(corners)}"'
+    blocks = [_block("Points", {"nodes": _vector(x, y)}), _block("Cells", cells)]
+    return _Mesh("UnstructuredGrid", "vtu", attributes, blocks)
+
+
+def _vector(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.stack([x, y, np.zeros(len(x))], axis=1)
+
+
+def _block(tag: str, arrays: Mapping[str, np.ndarray]) -> str:
+    return "\n".join([f"<{tag}>", *(_array(*item) for item in arrays.items()), f"</{tag}>"])
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    raw = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
+    text = base64.b64encode(np.array([len(raw)], "<u8").tobytes() + raw).decode()
+    components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    kind = _TYPES[values.dtype.str[1:]]
+    return f'<DataArray type="{kind}" Name="{name}"{components} format="binary">{text}</DataArray>'
+
+
+def _piece(mesh: _Mesh, blocks: list[str]) -> str:
+    whole = ""
+    if mesh.kind == "RectilinearGrid":
+        whole = mesh.attributes.replace("Extent", "WholeExtent")
+    lines = [f"<Piece {mesh.attributes}>", *mesh.blocks, *blocks, "</Piece>"]
+    return _document(mesh.kind, lines, whole)
+
+
+def _document(kind: str, lines: list[str], attributes: str = "") -> str:
+    head = f'type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64"'
+    inner = [f"<{kind} {attributes}>".replace(" >", ">"), *lines, f"</{kind}>"]
+    return "\n".join(['<?xml version="1.0"?>', f"<VTKFile {head}>", *inner, "</VTKFile>", ""])

@@ -87,7 +87,7 @@ def _overlap_rectangles(
     west = np.empty(nx + 1)  # H of the grid lines that cross the disc
     below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
     above = np.empty(nx + 1)
-    m = 0
+    m = start[0]
     for k in range(x.size):
         r = radius[k]
         least = ROUND_OFF * math.pi * r * r
@@ -131,14 +131,14 @@ def _overlap_rectangles(
 
 @jit
 def _overlap_polygons(
-    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, corners, bounds,
+    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, bounds,
     keep, x, y, radius, period_x, period_y,
 ):  # fmt: skip
     """Areas of discs in the kept cells of any grid: start, cell, area."""
     start = np.zeros(x.size + 1, np.int64)
     cell = np.empty(8 * x.size, np.int64)
     area = np.empty(8 * x.size, np.float64)
-    m = 0
+    m = start[0]
     for k in range(x.size):
         r = radius[k]
         least = ROUND_OFF * math.pi * r * r
@@ -164,8 +164,7 @@ def _overlap_polygons(
                             dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
                             if not keep[c] or dx * dx + dy * dy >= r * r:
                                 continue
-                            n = corners[c]
-                            amount = disc_polygon(corner_x[c, :n], corner_y[c, :n], cx, cy, r)
+                            amount = disc_polygon(corner_x[c], corner_y[c], cx, cy, r)
                             if amount > least:
                                 cell, area = append(cell, area, m, c, amount)
                                 m += 1
@@ -215,7 +214,7 @@ def _bilinear(
     cell = np.empty(4 * x.size, np.int64)
     weight = np.empty(4 * x.size, np.float64)
     nx = x_edges.size - 1
-    m = 0
+    m = start[0]
     for k in range(x.size):
         px, py = x[k], y[k]
         if period_x > 0.0:
@@ -241,13 +240,13 @@ def _bilinear(
 
 @jit
 def _containing(
-    origin, scale, bin_start, bin_cell, box, raster, corner_x, corner_y, corners, bounds,
+    origin, scale, bin_start, bin_cell, box, raster, corner_x, corner_y, bounds,
     wet, x, y, period_x, period_y,
 ):  # fmt: skip
     """The wet cell that holds each point: start, cell, weight."""
     start = np.zeros(x.size + 1, np.int64)
     cell = np.empty(x.size, np.int64)
-    m = 0
+    m = start[0]
     for k in range(x.size):
         found = -1
         first_x, last_x = images(bounds[0], bounds[1], 0.0, x[k], period_x)
@@ -257,7 +256,7 @@ def _containing(
                 if found < 0:
                     found = find_cell(
                         x[k] + image_x * period_x, y[k] + image_y * period_y, origin, scale,
-                        bin_start, bin_cell, box, raster, corner_x, corner_y, corners,
+                        bin_start, bin_cell, box, raster, corner_x, corner_y,
                     )  # fmt: skip
         if found >= 0 and wet[found]:
             cell[m] = found
@@ -336,7 +335,7 @@ def overlap_areas(
     if grid.x_edges is not None:
         return _overlap_rectangles(*grid.axes, keep, x, y, radius, *lengths)
     return _overlap_polygons(
-        *grid.bins, grid.corner_x, grid.corner_y, grid.corners, grid.bounds,
+        *grid.bins, grid.corner_x, grid.corner_y, grid.bounds,
         keep, x, y, radius, *lengths,
     )  # fmt: skip
 
@@ -384,7 +383,7 @@ def floe_weights(
         b = grid.bins
         start, cell, weight = _containing(
             b.origin, b.scale, b.start, b.cell, b.box, b.raster,
-            grid.corner_x, grid.corner_y, grid.corners, grid.bounds, grid.wet, x, y, *lengths,
+            grid.corner_x, grid.corner_y, grid.bounds, grid.wet, x, y, *lengths,
         )  # fmt: skip
     return Weights(start, cell, weight, grid.size)
 

@@ -36,6 +36,7 @@ from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Positive, PositiveFraction
 from floebmi.running import check_intervals
+from floebmi.scenes import packaged
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
 from floebmi.sizes import from_file as sizes_from_file
 from floebmi.tables import (
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from floebmi.forcing import Source
     from floebmi.model import Fluid, Model
 
-FOLDER = Path(__file__).parent / "scenes"
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
 
 Pair = tuple[float, float]
@@ -875,11 +875,6 @@ def _paths_in(table: Table) -> Iterator[str]:
 
 
 # ---- reading ----------------------------------------------------------------------------------
-
-
-def packaged() -> dict[str, Path]:
-    """The scenes in the package, by name."""
-    return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
 def find_scene(scene: str | Path) -> Path:

@@ -1,0 +1,781 @@
+"""The model as a BMI 2.0 component: what a host sees, and no physics.
+
+A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
+Inputs are the model's own arrays (`model.ocean.u` …), outputs are written in place after each update, so a
+pointer that a host took stays right.  Names, units and signs come from `variables`; `SCALARS` adds the
+books of the whole, one number each.
+
+Cells.  The nodes of a structured grid are the *centres* of cells, order (y, x).  Where a structured BMI
+grid cannot say what the cells are (curvilinear and unstructured exchange grids, or `cells = "faces"` in
+the scene's table [bmi]), the grid is "unstructured", one face per cell, corners counter-clockwise, numbers
+from 0.  The atmosphere has a grid of its own if the scene gives it one.
+
+Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize` and at the
+start of each exchange.  A host that writes a velocity of the ocean or of the air, by `set_value` or
+through a pointer, has taken that fluid over: from then on the scene leaves it alone.  What nobody sets is
+still water and no wind.
+
+Time.  One exchange is `get_time_step` long, `[time] exchange` of the scene.  `update` makes one;
+`update_until` as many as fit and a shorter last one, and stresses are then means over all of them.
+
+A call that fails raises one line that says all, and leaves the component as it was.
+"""
+
+import sys
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+from bmipy import Bmi
+
+from floebmi.errors import InputError, choose
+from floebmi.grid import Grid
+from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from floebmi.floes import Floes
+    from floebmi.forcing import Source
+    from floebmi.model import Fluid, Model
+
+CELLS, WHOLE, AIR, FLOES = 0, 1, 2, 3  # BMI grids: exchange cells, one number, the air's cells, floes
+SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
+
+_TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take
+_FLOE_ROWS = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
+
+
+# ---- one number for the whole -----------------------------------------------------------------
+
+
+class Scalar(NamedTuple):
+    """An output that is one number for the whole model; `fluid` must be there for it to exist."""
+
+    csdms: str
+    units: str
+    text: str
+    value: "Callable[[Model], float]"
+    fluid: str = ""
+
+
+def _account(names: set[str], others: bool, quantity: int) -> "Callable[[Model], float]":
+    """What these accounts of the ledger, or all others, brought to the ice."""
+    return lambda model: sum(
+        float(row[quantity])
+        for name, row in model.ledger.accounts.items()
+        if (name in names) != others
+    )
+
+
+def _per_axis() -> "Iterator[Scalar]":
+    for q, axis in enumerate(AXES):
+        a = axis.letter
+        yield Scalar(
+            f"sea_ice_flowing__domain_integral_of_{a}_component_of_momentum",
+            "N s",
+            f"momentum of the ice along {a}",
+            lambda model, q=q: float(model.ledger.now[1 + q]),
+        )
+        yield Scalar(
+            f"sea_ice_bottom_water_flowing__domain_time_integral_of_{a}_component_of_undelivered_stress",
+            "N s",
+            f"impulse of ice on ocean along {a} that found no wet cell, since the start",
+            lambda model, q=q: float(model.ocean.undelivered[q]),
+            "ocean",
+        )
+        yield Scalar(
+            f"sea_ice_top_air_flowing__domain_time_integral_of_{a}_z_component_of_stress",
+            "N s",
+            f"impulse of air on ice along {a}, since the start",
+            _account({"wind"}, False, 1 + q),
+            "atmosphere",
+        )
+        yield Scalar(
+            f"sea_ice_flowing__domain_time_integral_of_{a}_component_of_other_force",
+            "N s",
+            f"impulse on ice along {a} by all but ocean drag and wind, since the start",
+            _account({"wind", "ocean drag"}, True, 1 + q),
+        )
+        yield Scalar(
+            f"sea_ice_flowing__{a}_component_of_momentum_balance_residual",
+            "N s",
+            f"momentum along {a} that no account explains",
+            lambda model, a=a: model.ledger.balance(f"momentum_{a}").residual,
+        )
+
+
+SCALARS: tuple[Scalar, ...] = (
+    Scalar(
+        "sea_ice__domain_integral_of_mass",
+        "kg",
+        "mass of the ice",
+        lambda model: float(model.ledger.now[0]),
+    ),
+    *_per_axis(),
+    Scalar(
+        "sea_ice__mass_balance_residual",
+        "kg",
+        "mass that no account explains",
+        lambda model: model.ledger.balance("mass").residual,
+    ),
+    Scalar(
+        "sea_ice__energy_balance_residual",
+        "J",
+        "energy that no account explains; the time step's own error is in it",
+        lambda model: model.ledger.balance("energy").residual,
+    ),
+    Scalar(
+        "model__min_of_time_step",
+        "s",
+        "shortest step between contacts so far, 0 before the first",
+        lambda model: model.counters.shortest_step if model.counters.steps else 0.0,
+    ),
+    Scalar(
+        "model_time_step__count",
+        "1",
+        "steps between contacts since the start",
+        lambda model: float(model.counters.steps),
+    ),
+)
+"""Outputs that are one number each: grid type `scalar`, rank 0, size 1."""
+
+
+# ---- grids as BMI tells them ------------------------------------------------------------------
+
+
+class Layout(NamedTuple):
+    """A grid in BMI's words; what a grid type does not have is None.
+
+    type, rank : of BMI
+    size : number of nodes
+    values : number of values of a variable on this grid, and `location` where they are
+    """
+
+    type: str
+    rank: int
+    size: int
+    values: int
+    location: str
+    shape: np.ndarray | None = None  # (y, x)
+    spacing: np.ndarray | None = None
+    origin: np.ndarray | None = None
+    x: np.ndarray | None = None
+    y: np.ndarray | None = None
+    edge_nodes: np.ndarray | None = None
+    face_edges: np.ndarray | None = None
+    face_nodes: np.ndarray | None = None
+    nodes_per_face: np.ndarray | None = None
+
+
+def layout_of(grid: Grid, faces: bool) -> Layout:
+    """Cell centres as nodes, or cells as faces; there is no choice but faces for cells of any shape."""
+    if faces or grid.x_edges is None:
+        return _faces(grid)
+    shape = np.array(grid.shape)
+    x, y = grid.x[: shape[1]], grid.y[:: shape[1]]
+    structured = Layout(grid.kind, 2, grid.size, grid.size, "node", shape, x=x, y=y)
+    if grid.kind == "rectilinear":
+        return structured
+    west, east, south, north = grid.bounds
+    spacing = np.array([north - south, east - west]) / shape
+    return structured._replace(spacing=spacing, origin=np.array([y[0], x[0]]))
+
+
+def _faces(grid: Grid) -> Layout:
+    """Edge k of a face leads from its node k to the next one."""
+    real = grid.face_nodes >= 0
+    count = real.sum(axis=1)
+    following = np.roll(grid.face_nodes, -1, axis=1)
+    last = np.arange(grid.size), count - 1
+    following[last] = grid.face_nodes[:, 0]
+    begin, end = grid.face_nodes[real], following[real]
+    edges, which = np.unique(
+        np.stack([np.minimum(begin, end), np.maximum(begin, end)], axis=1),
+        axis=0,
+        return_inverse=True,
+    )
+    return Layout(
+        "unstructured", 2, grid.node_x.size, grid.size, "face", x=grid.node_x, y=grid.node_y,
+        edge_nodes=edges.ravel(), face_edges=which.ravel(), face_nodes=begin, nodes_per_face=count,
+    )  # fmt: skip
+
+
+# ---- the component ----------------------------------------------------------------------------
+
+
+@final
+class _Running:
+    """What exists between `initialize` and `finalize`: the model, its arrays, and who fills them."""
+
+    def __init__(self, config_file: str) -> None:
+        from floebmi.scene import read_scene
+
+        scene = read_scene(config_file)
+        self.step = _exchange(scene)
+        self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
+        built = scene.build()
+        self.model: Model = built.model
+        self.capacity = scene.bmi.floe_capacity
+        self.sources: dict[str, Source] = {}
+        self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
+        for name, source in (("ocean", built.ocean), ("atmosphere", built.atmosphere)):
+            if source is not None:
+                self.sources[name] = source
+                self.fill(name)
+        self.layouts = self._lay_out(scene.bmi.cells == "faces")
+        self.rows: dict[str, Variable | Scalar] = {}
+        self.values: dict[str, np.ndarray] = {}
+        self._list()
+        self.show(self.model.fields())
+        if scene.bmi.restart is not None:
+            self.load(scene.file.parent / scene.bmi.restart)
+
+    def _lay_out(self, faces: bool) -> dict[int, Layout]:
+        model = self.model
+        layouts = {CELLS: layout_of(model.grid, faces), WHOLE: Layout("scalar", 0, 1, 1, "node")}
+        if model.atmosphere is not None and model.atmosphere.grid is not model.grid:
+            layouts[AIR] = layout_of(model.atmosphere.grid, faces)
+        return layouts
+
+    def _list(self) -> None:
+        """The variables of this scene and their arrays, allocated once."""
+        model, fields = self.model, self.model.fields()
+        for row in VARIABLES:
+            if row.intent == "in":
+                values = _at_home(model, row)
+            else:
+                values = np.zeros(self.layouts[self.grid_of(row)].values)
+                values = values if row.name in fields else None
+            if values is not None:
+                self.rows[row.csdms], self.values[row.csdms] = row, values
+        for scalar in SCALARS:
+            if not scalar.fluid or getattr(model, scalar.fluid) is not None:
+                self.rows[scalar.csdms], self.values[scalar.csdms] = scalar, np.zeros(1)
+        if not self.capacity:
+            return
+        _check_capacity(model.floes, self.capacity)
+        for row in _FLOE_ROWS:
+            if getattr(model.floes, row.name) is not None:
+                self.rows[row.csdms] = row
+                self.values[row.csdms] = np.zeros(self.capacity, _TYPES[row.dtype])
+        x, y = (self.values[row.csdms] for row in _FLOE_ROWS if row.name in ("x", "y"))
+        none = np.zeros(0, np.int64)
+        self.layouts[FLOES] = Layout(
+            "unstructured", 2, self.capacity, self.capacity, "node", x=x, y=y,
+            edge_nodes=none, face_edges=none, face_nodes=none, nodes_per_face=none,
+        )  # fmt: skip
+
+    def grid_of(self, row: Variable | Scalar) -> int:
+        if isinstance(row, Scalar):
+            return WHOLE
+        if row.grid == "floe":
+            return FLOES
+        return AIR if row.grid == "atmosphere" and AIR in self.layouts else CELLS
+
+    def wet_of(self, row: Variable) -> np.ndarray:
+        return self._fluid(row.home.partition(".")[0]).grid.wet
+
+    def _fluid(self, name: str) -> "Fluid":
+        return getattr(self.model, name)
+
+    # ---- who fills the inputs
+
+    def fill(self, name: str) -> None:
+        """Let the scene's own source fill a fluid, unless a host has written there."""
+        fluid, source = self._fluid(name), self.sources.get(name)
+        if source is None:
+            return
+        if name in self.filled and not np.array_equal(self.filled[name], _bits(fluid)):
+            del self.sources[name]
+            return
+        source.fill(self.model.time, fluid.u, fluid.v)
+        self.filled[name] = _bits(fluid)
+
+    def taken_over(self, row: Variable) -> None:
+        """A host has set this variable."""
+        fluid, _, component = row.home.partition(".")
+        if component in ("u", "v"):
+            self.sources.pop(fluid, None)
+
+    # ---- stepping
+
+    def advance(self, until: float) -> None:
+        """Exchanges of the scene's length and a shorter last one; lands exactly on `until`."""
+        model = self.model
+        start, sums = model.time, {}
+        rest = until - start
+        count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
+        for k in range(count):
+            for name in ("ocean", "atmosphere"):
+                self.fill(name)
+            whole = k < count - 1 or model.time + self.step == until
+            model.advance(self.step if whole else until - model.time)
+            fields = model.fields()
+            if count > 1:
+                share = (model.time - start if k == 0 else model.time - before) / rest
+                for row in _means(fields):
+                    sums[row.name] = sums.get(row.name, 0.0) + share * fields[row.name]
+            before = model.time
+        model.time = until
+        self.show(fields | sums)
+
+    def show(self, fields: dict[str, np.ndarray]) -> None:
+        """Write all outputs in place."""
+        floes = self.model.floes
+        if self.capacity:
+            _check_capacity(floes, self.capacity)
+        for name, row in self.rows.items():
+            if isinstance(row, Scalar):
+                self.values[name][0] = row.value(self.model)
+            elif row.grid == "floe":
+                self.values[name][: len(floes)] = getattr(floes, row.name)
+            elif row.intent == "out":
+                self.values[name][:] = fields[row.name]
+
+    # ---- the whole state
+
+    def state(self) -> dict[str, Any]:
+        """All that `restore` needs; shares nothing with the model."""
+        shown = {row.name: self.values[name] for name, row in self.rows.items() if _is_mean(row)}
+        state = {
+            "model": self.model.state(),
+            "mean": shown,
+            "driven_by_scene": {name: name in self.sources for name in ("ocean", "atmosphere")},
+        }
+        return _copied(state)
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self.model.restore(state["model"])
+        for name, by_scene in state["driven_by_scene"].items():
+            if not by_scene:
+                self.sources.pop(name, None)
+            elif name in self.sources:
+                self.filled[name] = _bits(self._fluid(name))
+        self.show(self.model.fields() | state["mean"])
+
+    def load(self, path: Path) -> None:
+        from floebmi.output import load_restart
+
+        state, _ = load_restart(path)
+        if set(state) != set(self.state()):
+            raise InputError(f"{path}: not a state that save_state of this component wrote")
+        with self.unchanged_on_failure():
+            self.restore(state)
+
+    @contextmanager
+    def unchanged_on_failure(self) -> "Iterator[None]":
+        before = self.state()
+        sources, filled = dict(self.sources), dict(self.filled)
+        try:
+            yield
+        except BaseException:
+            self.restore(before)
+            self.sources, self.filled = sources, filled
+            raise
+
+
+@final
+class FloeBmi(Bmi):
+    """Sea-ice floes as a BMI 2.0 component (see the module's text for grids, time and who drives).
+
+    The configuration file is a scene, TOML or YAML, or the name of a packaged one.  Names of variables
+    and what is known without a scene (units, types) can be asked before `initialize`; a scene then leaves
+    out what it does not model.
+
+    Raises
+    ------
+    InputError
+        one line: unknown names and grids, wrong sizes, values that are not finite in wet cells (with the
+        variable and the cell), times in the past, calls before `initialize` or after `finalize`.
+    StabilityError
+        from an update, if floes leave what the step resolves.
+
+    Examples
+    --------
+    >>> from floebmi import FloeBmi
+    >>> floes = FloeBmi()
+    >>> floes.get_var_units("sea_ice__thickness")
+    'm'
+    """
+
+    METADATA = "metadata"  # folder in this package, for pymt
+
+    def __init__(self) -> None:
+        self._running: _Running | None = None
+
+    # ---- control ------------------------------------------------------------------------------
+
+    def initialize(self, config_file: str) -> None:
+        """Build the scene; outputs are valid from here on.
+
+        Parameters
+        ----------
+        config_file : path of a scene (TOML or YAML), or the name of a packaged one; paths in it are
+            relative to it
+        """
+        if self._running is not None:
+            raise InputError("initialize: this component is initialized already; call finalize first")
+        if not config_file:
+            raise InputError("initialize: needs a scene, a TOML or YAML file or a packaged name")
+        self._running = _Running(str(config_file))
+
+    def update(self) -> None:
+        """Advance by one exchange interval, `get_time_step` seconds."""
+        now = self._now("update")
+        self._advance(now.model.time + now.step)
+
+    def update_until(self, time: float) -> None:
+        """Advance to `time` [s], and land exactly on it; the current time does nothing."""
+        now = self._now("update_until")
+        try:
+            time = float(time)
+        except (TypeError, ValueError):
+            raise InputError(f"update_until: time = {time!r}: must be a number of seconds") from None
+        if not np.isfinite(time) or time < now.model.time:
+            raise InputError(
+                f"update_until: time = {time:.17g} s: must be at least the current time, "
+                f"{now.model.time:.17g} s"
+            )
+        if time > now.model.time:
+            self._advance(time)
+
+    def _advance(self, until: float) -> None:
+        now = self._now("update")
+        with now.unchanged_on_failure():
+            now.advance(until)
+
+    def finalize(self) -> None:
+        """Let go of everything; `initialize` may follow."""
+        self._running = None
+
+    def save_state(self, path: str | Path) -> None:
+        """Save all that `load_state`, or the key `restart` of the scene's [bmi], needs to go on bit for bit."""
+        from floebmi.output import save_restart
+
+        now = self._now("save_state")
+        save_restart(path, now.state(), {"time": now.model.time})
+
+    def load_state(self, path: str | Path) -> None:
+        """Take up a state that `save_state` wrote, of a component with the same scene."""
+        self._now("load_state").load(Path(path))
+
+    @property
+    def model(self) -> "Model":
+        """The model behind, for hosts in the same process (masks, floes, the ledger's table)."""
+        return self._now("model").model
+
+    # ---- what there is ------------------------------------------------------------------------
+
+    def get_component_name(self) -> str:
+        """`floebmi`."""
+        return "floebmi"
+
+    def get_input_item_count(self) -> int:
+        """Number of inputs."""
+        return len(self.get_input_var_names())
+
+    def get_output_item_count(self) -> int:
+        """Number of outputs."""
+        return len(self.get_output_var_names())
+
+    def get_input_var_names(self) -> tuple[str, ...]:
+        """CSDMS names of what a host sets; before `initialize` all that any scene has."""
+        return tuple(name for name, row in self._rows().items() if _is_input(row))
+
+    def get_output_var_names(self) -> tuple[str, ...]:
+        """CSDMS names of what a host gets; before `initialize` all but those of single floes."""
+        return tuple(name for name, row in self._rows().items() if not _is_input(row))
+
+    def get_var_grid(self, name: str) -> int:
+        """0 cells, 1 one number, 2 the air's own cells, 3 floes."""
+        row = self._row(name)
+        return self._now("get_var_grid").grid_of(row)
+
+    def get_var_type(self, name: str) -> str:
+        """NumPy name of the type."""
+        row = self._row(name)
+        return "float64" if isinstance(row, Scalar) else _TYPES[row.dtype]
+
+    def get_var_units(self, name: str) -> str:
+        """UDUNITS text."""
+        return self._row(name).units
+
+    def get_var_itemsize(self, name: str) -> int:
+        """Bytes of one value."""
+        return np.dtype(self.get_var_type(name)).itemsize
+
+    def get_var_nbytes(self, name: str) -> int:
+        """Bytes of all values."""
+        return self._array(name).nbytes
+
+    def get_var_location(self, name: str) -> str:
+        """`node`, or `face` where the grid's faces are the cells."""
+        grid = self.get_var_grid(name)
+        return self._layout(grid).location
+
+    # ---- time ---------------------------------------------------------------------------------
+
+    def get_start_time(self) -> float:
+        """0.0 [s]."""
+        return 0.0
+
+    def get_current_time(self) -> float:
+        """Seconds since the start."""
+        return float(self._now("get_current_time").model.time)
+
+    def get_end_time(self) -> float:
+        """`[time] duration` of the scene [s], else the largest float; updates may go beyond."""
+        return sys.float_info.max if self._running is None else float(self._running.end)
+
+    def get_time_units(self) -> str:
+        """Seconds."""
+        return "s"
+
+    def get_time_step(self) -> float:
+        """Length of an exchange [s]; the floes' own steps are shorter."""
+        return float(self._now("get_time_step").step)
+
+    # ---- values -------------------------------------------------------------------------------
+
+    def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
+        """Copy the values into `dest`, flat or of any shape of the same size; returns it."""
+        return _copy(self._array(name), dest, name)
+
+    def get_value_ptr(self, name: str) -> np.ndarray:
+        """The array itself: right after every update, until `finalize`."""
+        return self._array(name)
+
+    def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
+        """Copy single values into `dest`; returns it."""
+        values = self._array(name)
+        return _copy(values[_indices(name, inds, values.size)], dest, name)
+
+    def set_value(self, name: str, src: np.ndarray) -> None:
+        """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
+        row, values = self._input(name)
+        given = _numbers(name, src, values.size)
+        self._refuse_not_finite(row, given, np.arange(values.size))
+        values[:] = given
+        self._now("set_value").taken_over(row)
+
+    def set_value_at_indices(self, name: str, inds: np.ndarray, src: np.ndarray) -> None:
+        """Set an input in some cells."""
+        row, values = self._input(name)
+        inds = _indices(name, inds, values.size)
+        given = _numbers(name, src, inds.size)
+        self._refuse_not_finite(row, given, inds)
+        values[inds] = given
+        self._now("set_value_at_indices").taken_over(row)
+
+    def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray) -> None:
+        wrong = ~np.isfinite(given) & self._now("set_value").wet_of(row)[inds]
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise InputError(f"{row.csdms}: {given[k]} at index {inds[k]}, a wet cell: must be finite")
+
+    # ---- grids --------------------------------------------------------------------------------
+
+    def get_grid_type(self, grid: int) -> str:
+        """`uniform_rectilinear`, `rectilinear`, `unstructured` or `scalar`."""
+        return self._layout(grid).type
+
+    def get_grid_rank(self, grid: int) -> int:
+        """2, or 0 for one number."""
+        return self._layout(grid).rank
+
+    def get_grid_size(self, grid: int) -> int:
+        """Number of nodes."""
+        return int(self._layout(grid).size)
+
+    def get_grid_shape(self, grid: int, shape: np.ndarray) -> np.ndarray:
+        """Rows and columns (y, x)."""
+        return self._fill(grid, "shape", shape)
+
+    def get_grid_spacing(self, grid: int, spacing: np.ndarray) -> np.ndarray:
+        """Sides of a cell (y, x) [m]."""
+        return self._fill(grid, "spacing", spacing)
+
+    def get_grid_origin(self, grid: int, origin: np.ndarray) -> np.ndarray:
+        """Centre of the first cell (y, x) [m]."""
+        return self._fill(grid, "origin", origin)
+
+    def get_grid_x(self, grid: int, x: np.ndarray) -> np.ndarray:
+        """x of columns of cell centres, or of the nodes of an unstructured grid [m]."""
+        return self._fill(grid, "x", x)
+
+    def get_grid_y(self, grid: int, y: np.ndarray) -> np.ndarray:
+        """y of rows of cell centres, or of the nodes of an unstructured grid [m]."""
+        return self._fill(grid, "y", y)
+
+    def get_grid_z(self, grid: int, z: np.ndarray) -> np.ndarray:
+        """There is none."""
+        self._layout(grid)
+        raise NotImplementedError(f"grid {grid}: no z, grids have two dimensions")
+
+    def get_grid_node_count(self, grid: int) -> int:
+        """Number of nodes."""
+        return int(self._layout(grid).size)
+
+    def get_grid_edge_count(self, grid: int) -> int:
+        """Number of edges of an unstructured grid."""
+        return self._part(grid, "edge_nodes").size // 2
+
+    def get_grid_face_count(self, grid: int) -> int:
+        """Number of faces of an unstructured grid: its cells."""
+        return self._part(grid, "nodes_per_face").size
+
+    def get_grid_edge_nodes(self, grid: int, edge_nodes: np.ndarray) -> np.ndarray:
+        """Two nodes per edge, from 0."""
+        return self._fill(grid, "edge_nodes", edge_nodes)
+
+    def get_grid_face_edges(self, grid: int, face_edges: np.ndarray) -> np.ndarray:
+        """Edges of each face; edge k leads from its node k to the next."""
+        return self._fill(grid, "face_edges", face_edges)
+
+    def get_grid_face_nodes(self, grid: int, face_nodes: np.ndarray) -> np.ndarray:
+        """Nodes of each face counter-clockwise, face after face, from 0."""
+        return self._fill(grid, "face_nodes", face_nodes)
+
+    def get_grid_nodes_per_face(self, grid: int, nodes_per_face: np.ndarray) -> np.ndarray:
+        """Number of corners of each cell."""
+        return self._fill(grid, "nodes_per_face", nodes_per_face)
+
+    # ---- looking things up --------------------------------------------------------------------
+
+    def _now(self, call: str) -> _Running:
+        if self._running is None:
+            raise InputError(f"{call}: this component is not initialized; call initialize first")
+        return self._running
+
+    def _rows(self) -> dict[str, Variable | Scalar]:
+        if self._running is None:
+            return {row.csdms: row for row in (*VARIABLES, *SCALARS)}
+        return self._running.rows
+
+    def _row(self, name: str) -> Variable | Scalar:
+        rows = self._rows()
+        if name not in rows:
+            raise InputError(f"variable {name!r}: not in this component; {choose(name, rows)}")
+        return rows[name]
+
+    def _array(self, name: str) -> np.ndarray:
+        self._row(name)
+        return self._now(name).values[name]
+
+    def _input(self, name: str) -> tuple[Variable, np.ndarray]:
+        row, values = self._row(name), self._array(name)
+        if not _is_input(row):
+            inputs = ", ".join(self.get_input_var_names()) or "none"
+            raise InputError(f"{name}: is an output, and cannot be set; inputs: {inputs}")
+        return row, values
+
+    def _layout(self, grid: int) -> Layout:
+        layouts = self._now("grid").layouts
+        if grid not in layouts:
+            raise InputError(f"grid {grid!r}: unknown; allowed: {', '.join(map(str, layouts))}")
+        return layouts[grid]
+
+    def _part(self, grid: int, name: str) -> np.ndarray:
+        layout = self._layout(grid)
+        part = getattr(layout, name)
+        if part is None:
+            raise NotImplementedError(f"grid {grid}: a grid of type {layout.type!r} has no {name}")
+        return part
+
+    def _fill(self, grid: int, name: str, buffer: np.ndarray) -> np.ndarray:
+        return _copy(self._part(grid, name), buffer, f"grid {grid}: {name}")
+
+
+# ---- small steps ------------------------------------------------------------------------------
+
+
+def _exchange(scene: Any) -> float:
+    """The exchange interval of a scene [s]."""
+    if scene.time.exchange is not None:
+        return float(scene.time.exchange)
+    if scene.time.duration is None and scene.output.every is None:
+        raise InputError(
+            f"{scene.file}: [time] exchange is missing: seconds between exchanges with the host"
+        )
+    if scene.output.every is not None:
+        return float(scene.output.every)
+    return float(scene.schedule().exchange)
+
+
+def _at_home(model: "Model", row: Variable) -> np.ndarray | None:
+    fluid, _, name = row.home.partition(".")
+    return getattr(getattr(model, fluid), name, None)
+
+
+def _is_input(row: Variable | Scalar) -> bool:
+    return isinstance(row, Variable) and row.intent == "in"
+
+
+def _is_mean(row: Variable | Scalar) -> bool:
+    return isinstance(row, Variable) and row.intent == "out" and "time: mean" in row.mean
+
+
+def _means(fields: dict[str, np.ndarray]) -> list[Variable]:
+    return [row for row in VARIABLES if row.name in fields and _is_mean(row)]
+
+
+def _bits(fluid: "Fluid") -> np.ndarray:
+    """Both components, so that NaN on dry cells equals itself."""
+    return np.concatenate([fluid.u, fluid.v]).view(np.int64)
+
+
+def _copied(state: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: _copied(value)
+        if isinstance(value, dict)
+        else value.copy()
+        if isinstance(value, np.ndarray)
+        else value
+        for name, value in state.items()
+    }
+
+
+def _check_capacity(floes: "Floes", capacity: int) -> None:
+    if len(floes) > capacity:
+        raise InputError(
+            f"[bmi] floe_capacity = {capacity}: there are {len(floes)} floes; must be at least that"
+        )
+
+
+def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
+    """Write into the caller's own buffer, whatever its real type, and return it."""
+    if not isinstance(dest, np.ndarray):
+        raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
+    if dest.size != values.size:
+        raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
+    try:
+        np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
+    except TypeError:
+        raise InputError(
+            f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}"
+        ) from None
+    return dest
+
+
+def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
+    """The host's numbers as float64, flat."""
+    given = np.asarray(src)
+    if given.dtype.kind not in "fiub":
+        raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
+    if given.size != size:
+        raise InputError(f"{name}: {given.size} values; must be {size}")
+    return given.astype(np.float64).ravel()
+
+
+def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:
+    inds = np.asarray(inds)
+    if inds.size and inds.dtype.kind not in "iu":
+        raise InputError(f"{name}: indices of type {inds.dtype}; must be integers")
+    inds = inds.ravel().astype(np.int64)
+    wrong = (inds < 0) | (inds >= size)
+    if wrong.any():
+        raise InputError(f"{name}: index {inds[wrong][0]}: must be from 0 to {size - 1}")
+    return inds

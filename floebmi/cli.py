@@ -1,0 +1,349 @@
+"""The command `floebmi`.
+
+Bad input ends with exit code 2 and one line; a run that left its bounds with 3; an error of the program
+itself with 1, and one line as well, unless `--debug` asks for the traceback.  Commands import what they
+need when they are called, so that help comes at once.
+"""
+
+import contextlib
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from floebmi import __version__
+from floebmi.errors import InputError, StabilityError, choose
+
+if TYPE_CHECKING:
+    from floebmi.scene import Scene
+
+HELP = """Sea-ice floes as discrete elements, under real wind and currents.
+
+\b
+Try:
+  floebmi run labrador-sea                  real wind, currents and ice; about a minute
+  floebmi scene                             the scenes that come with the package
+  floebmi scene two-floes --to mine.toml    copy one, edit it, then:
+  floebmi explain mine.toml                 what will be modelled, and what it costs
+  floebmi run mine.toml --set contact.friction=0.5
+  floebmi animate mine/floes.nc             a film of what came out
+"""
+
+
+def main() -> None:
+    """Entry point of the command line."""
+    floebmi()
+
+
+# ---- errors in one line -----------------------------------------------------------------------
+
+
+class _Command(click.Command):
+    """A command whose errors are one line each."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.params.append(
+            click.Option(["--debug"], is_flag=True, help="Show the traceback of an error.")
+        )
+
+    def invoke(self, ctx: click.Context) -> Any:
+        debug = ctx.params.pop("debug")
+        with _warnings_in_one_line(), contextlib.ExitStack() as stack:
+            if not debug:
+                stack.enter_context(_errors_in_one_line())
+            return super().invoke(ctx)
+
+
+class _Group(click.Group):
+    """The commands; what is wrong with a command line is said in one line as well."""
+
+    command_class = _Command
+
+    def main(self, args: Sequence[str] | None = None, **settings: Any) -> Any:
+        if not settings.pop("standalone_mode", True):
+            return super().main(args, standalone_mode=False, **settings)
+        try:
+            code = super().main(args, standalone_mode=False, **settings)
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.ctx.get_help() if error.ctx else "")
+            code = 0
+        except click.ClickException as error:
+            _fail(_usage(error), error.exit_code)
+        except click.Abort:
+            _fail("stopped", 130)
+        sys.exit(code if isinstance(code, int) else 0)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and self.get_command(ctx, args[0]) is None and not args[0].startswith("-"):
+            allowed = choose(args[0], self.list_commands(ctx))
+            raise click.UsageError(f"no command {args[0]!r}; {allowed}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+def _usage(error: click.ClickException) -> str:
+    text = " ".join(error.format_message().split())
+    ctx = getattr(error, "ctx", None)
+    where = f" ({ctx.command_path} --help)" if ctx is not None else ""
+    return text.rstrip(".") + where
+
+
+@contextlib.contextmanager
+def _errors_in_one_line() -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        _fail(_with_notes(error), 2)
+    except StabilityError as error:
+        _fail(_with_notes(error), 3)
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        _fail(f"{name}{error.strerror or error}{_notes(error)}", 2)
+    except KeyboardInterrupt as error:
+        _fail(f"stopped{_notes(error)}", 130)
+    except (click.ClickException, click.exceptions.Exit, click.Abort):
+        raise
+    except Exception as error:  # noqa: BLE001  a bug of ours: the user gets one line all the same
+        text = _with_notes(error)
+        _fail(f"error in the program: {type(error).__name__}: {text}; --debug shows where", 1)
+
+
+def _with_notes(error: BaseException) -> str:
+    return f"{error}{_notes(error)}"
+
+
+def _notes(error: BaseException) -> str:
+    return "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
+
+
+def _fail(text: str, code: int) -> None:
+    click.echo(f"floebmi: {' '.join(text.split())}", err=True)
+    sys.exit(code)
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    def show(message: Warning | str, category: type[Warning], *place: object) -> None:
+        click.echo(f"floebmi: warning: {' '.join(str(message).split())}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = show  # type: ignore[assignment]
+        yield
+
+
+# ---- the commands -----------------------------------------------------------------------------
+
+
+def _set_option(function: Callable) -> Callable:
+    return click.option(
+        "--set", "overrides", multiple=True, metavar="TABLE.KEY=VALUE",
+        help="Replace a value of the scene; may be given many times.",
+    )(function)  # fmt: skip
+
+
+@click.group(cls=_Group, help=HELP, no_args_is_help=True)
+@click.version_option(__version__, prog_name="floebmi", message="%(prog)s %(version)s")
+def floebmi() -> None:
+    pass
+
+
+@floebmi.command()
+@click.argument("scene")
+@_set_option
+@click.option(
+    "--to", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="Where the output goes; else a folder here with the scene's name.",
+)  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace the output of an earlier run.")
+@click.option(
+    "--restart", type=click.Path(path_type=Path), metavar="FILE",
+    help="Go on from a restart file, to the end of the scene's duration.",
+)  # fmt: skip
+@click.option(
+    "--duration", type=float, metavar="SECONDS", help="End time of the run, instead of the scene's."
+)
+@click.option("--profile", is_flag=True, help="Print where the time went.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def run(
+    scene: str,
+    overrides: tuple[str, ...],
+    folder: Path | None,
+    force: bool,
+    restart: Path | None,
+    duration: float | None,
+    profile: bool,
+    quiet: bool,
+) -> None:
+    """Run SCENE, a TOML or YAML file or the name of a packaged scene.
+
+    \b
+    Output, in a folder with the scene's name:
+      gridded.nc    fields on the exchange grid, if the scene has one (CF NetCDF)
+      floes.nc      the floes as trajectories (CF NetCDF)
+      NAME.png      a picture of the last frame
+      restart.nc    the state at the end, or where the run was stopped
+      paraview/     if [output] paraview = true
+    """
+    from floebmi.explain import drag_warnings
+    from floebmi.output import load_restart
+    from floebmi.running import run as run_model
+    from floebmi.scene import read_scene
+
+    read = read_scene(scene, overrides)
+    schedule = read.schedule(duration)
+    folder = Path(read.name) if folder is None else folder
+    gridded = folder / "gridded.nc" if _wants_gridded(read) else None
+    trajectories = folder / "floes.nc" if read.output.trajectories else None
+    picture = folder / f"{read.name}.png" if read.output.picture and trajectories else None
+    last_state = folder / "restart.nc"
+    paraview = folder / "paraview" if read.output.paraview and trajectories else None
+    targets = [path for path in (gridded, trajectories, picture, last_state, paraview) if path]
+    _refuse_to_overwrite(folder, targets, force)
+    state = load_restart(restart)[0] if restart is not None else None
+
+    built = read.build()
+    model = built.model
+    if state is not None:
+        with _of(f"--restart {restart}"):
+            model.restore(state)
+    left = schedule.duration - model.time
+    if left <= 0:
+        raise InputError(
+            f"--restart {restart}: is at t = {model.time:g} s, the run ends at {schedule.duration:g} s; "
+            "give a longer --duration"
+        )
+    if not quiet:
+        click.echo(f"{read.name}: {read.title}\n{model!r}")
+        for line in drag_warnings(model):
+            click.echo(f"note: {line}")
+    folder.mkdir(parents=True, exist_ok=True)
+    report = run_model(
+        model, left, built.ocean, built.atmosphere,
+        exchange=schedule.exchange, every=schedule.every,
+        gridded=gridded, trajectories=trajectories, restart=last_state,
+        attributes={"title": read.title or read.name, "scene": read.text},
+        reference=read.time.start, calendar=read.time.calendar,
+        projection=read.domain.projection, land=built.land,
+        overwrite=force, progress=not quiet,
+    )  # fmt: skip
+    files = list(report.files)
+    if picture is not None:
+        from floebmi.plot import plot_frame
+
+        files.append(plot_frame(trajectories, picture))
+    if paraview is not None:
+        from floebmi.paraview import export
+
+        files.append(export(trajectories, paraview))
+    if not quiet:
+        click.echo(str(report))
+        if profile:
+            click.echo(report.profile())
+        click.echo("\n".join(f"wrote {path}" for path in files))
+    if not report.finished:
+        click.echo(
+            f"floebmi: stopped at t = {report.end:g} s; go on with: floebmi run {scene} "
+            f"--restart {last_state} --to ANOTHER_FOLDER",
+            err=True,
+        )
+        sys.exit(130)
+
+
+def _wants_gridded(scene: "Scene") -> bool:
+    if scene.output.gridded and scene.grid is None:
+        raise InputError(f"{scene.file}: [output] gridded = true: needs a [grid]")
+    return scene.grid is not None if scene.output.gridded is None else scene.output.gridded
+
+
+def _refuse_to_overwrite(folder: Path, targets: Sequence[Path], force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--to {folder}: is a file; give a folder")
+    for path in targets:
+        if path.exists() and not force:
+            raise InputError(f"{path}: exists already; give another folder with --to, or --force")
+
+
+@contextlib.contextmanager
+def _of(what: str) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+
+
+@floebmi.command()
+@click.argument("scene")
+@_set_option
+def explain(scene: str, overrides: tuple[str, ...]) -> None:
+    """Say what SCENE models and why, what it leaves out, its step, memory and cost."""
+    from floebmi.explain import explain as explain_scene
+    from floebmi.scene import read_scene
+
+    read = read_scene(scene, overrides)
+    click.echo(explain_scene(read, read.build()))
+
+
+@floebmi.command()
+@click.argument("name", required=False)
+@click.option(
+    "--to", "target", type=click.Path(path_type=Path), metavar="FILE",
+    help="Copy the scene to this file (or into this folder), with the data that it reads.",
+)  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace files that are there.")
+@click.option(
+    "--keys", is_flag=True, help="Print every key of a scene file, with unit and default."
+)
+def scene(name: str | None, target: Path | None, force: bool, keys: bool) -> None:
+    """List the packaged scenes; print NAME, or copy it to edit it."""
+    from floebmi.scenes import packaged, titles
+
+    if keys:
+        _print_keys()
+    elif name is None:
+        if target is not None:
+            raise InputError(f"--to {target}: say which scene; {choose('', packaged())}")
+        width = max(map(len, titles()))
+        click.echo("\n".join(f"{each:<{width}}  {title}" for each, title in titles().items()))
+        click.echo(
+            "\nfloebmi run NAME runs one; floebmi scene NAME --to FILE.toml copies it to edit."
+        )
+    elif name not in packaged():
+        raise InputError(f"{name}: no packaged scene; {choose(name, packaged())}")
+    elif target is None:
+        click.echo(packaged()[name].read_text(encoding="utf-8"), nl=False)
+    else:
+        from floebmi.scene import copy_scene
+
+        for path in copy_scene(name, target, force):
+            click.echo(f"wrote {path}")
+
+
+def _print_keys() -> None:
+    from floebmi.scene import Scene
+    from floebmi.tables import keys
+
+    above = None
+    for table, key, default, text in keys(Scene):
+        if table != above:
+            click.echo(f"\n[{table}]" if table else "")
+            above = table
+        click.echo(f"  {key:<18} {default:<22} {text}".rstrip())
+
+
+@floebmi.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--to", "target", type=click.Path(path_type=Path), metavar="PNG", help="Else beside FILE."
+)
+@click.option("--force", is_flag=True, help="Replace a file that is there.")
+def plot(file: Path, target: Path | None, force: bool) -> None:
+    """Draw a frame of FILE, the output of a run."""
+    from floebmi.plot import plot_frame
+
+    click.echo(f"wrote {plot_frame(file, target)}")

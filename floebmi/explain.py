@@ -1,0 +1,187 @@
+"""What a scene will model and why, what it leaves out, and what it will cost; nothing is run for that."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from floebmi.floes import FIXED
+from floebmi.forces import AirDrag, OceanDrag
+from floebmi.running import duration_text
+
+if TYPE_CHECKING:
+    from floebmi.model import Model
+    from floebmi.scene import Built, Scene
+
+# Floe-steps per second on one core like those of docs/benchmarks.md, in a dense pack of 10 000 floes
+SPEED = {"free drift": 60e6, "cohesive": 30e6, "frictional": 20e6}
+DRAG_SLOWS = 0.7  # with drag of ocean and air
+USUAL_DRAG = (1e-3, 1e-2)  # bulk coefficients that observations give [1]
+
+
+def explain(scene: "Scene", built: "Built") -> str:
+    """A page of text for a person, from a scene and the model made of it."""
+    model = built.model
+    title = f"{scene.name}: {scene.title}" if scene.title else scene.name
+    parts = [
+        title,
+        _columns("modelled", _modelled(scene, model)),
+        f"left out, neither code nor memory: {', '.join(model.absent()) or 'nothing'}",
+        _columns("size", _size(scene, model)),
+    ]
+    warnings = drag_warnings(model)
+    if warnings:
+        parts.append("\n".join(f"note: {line}" for line in warnings))
+    return "\n\n".join(parts)
+
+
+def drag_warnings(model: "Model") -> list[str]:
+    """One line for each fluid whose drag coefficient, taken on the floes' area, is unusual."""
+    lines = []
+    for force in model.forces:
+        if isinstance(force, OceanDrag | AirDrag) and len(model.floes):
+            low, high = model.bulk_range(force)
+            if high and (low < USUAL_DRAG[0] or high > USUAL_DRAG[1]):
+                name, table = (
+                    ("ocean", "ocean") if isinstance(force, OceanDrag) else ("air", "atmosphere")
+                )
+                lines.append(
+                    f"{name} drag on these floes is that of C_d = {low:.2g} to {high:.2g} on their area, "
+                    f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
+                )
+    return lines
+
+
+def _columns(head: str, rows: list[tuple[str, str]]) -> str:
+    width = max(len(name) for name, _ in rows)
+    return "\n".join([f"{head}:", *(f"  {name:<{width}}  {text}" for name, text in rows)])
+
+
+def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
+    """Each piece of physics, and what in the scene asks for it."""
+    floes, contact, domain = model.floes, model.contact, model.domain
+    free = int(np.count_nonzero(floes.active & (floes.motion == 0)))
+    held = int(np.count_nonzero(floes.active & (floes.motion != 0)))
+    rows = [("floes", f"{free} free" + (f", {held} of prescribed motion" if held else ""))]
+    if len(floes):
+        rows[0] = (
+            "floes",
+            f"{rows[0][1]}; radius {_span(floes.radius)} m, thickness {_span(floes.thickness)} m",
+        )
+    edges = dict.fromkeys((domain.west, domain.east, domain.south, domain.north))
+    if len(edges) == 1:
+        rows.append(("edges", f"all {domain.west}"))
+    else:
+        sides = ("west", "east", "south", "north")
+        rows.append(("edges", ", ".join(f"{side} {getattr(domain, side)}" for side in sides)))
+    if contact is not None:
+        rows += [
+            (type(part).__name__, f"{_numbers(part)}; [contact] asks for it")
+            for part in contact
+            if part is not None
+        ]
+    if floes.rotation:
+        why = (
+            "friction turns floes" if contact and contact.friction else "[ice] rotation asks for it"
+        )
+        rows.append(("rotation", f"because {why}"))
+    tables = {"OceanDrag": "ocean", "AirDrag": "atmosphere", "BodyForce": "body_force"}
+    for force in model.forces:
+        name = type(force).__name__
+        text = f"{_numbers(force)}; [{tables.get(name, name.lower())}] asks for it"
+        if isinstance(force, OceanDrag | AirDrag):
+            text += "; " + _drives(
+                scene.ocean if isinstance(force, OceanDrag) else scene.atmosphere
+            )
+        rows.append((name, text))
+    if scene.coast is not None:
+        rows.append(("coast", f"{int(floes.land.sum())} fixed floes line the shore; [coast]"))
+    rows += [("wall", f"{wall.edge}; [[walls]]") for wall in model.walls]
+    rows += [("inflow", f"{inflow.edge}, {inflow.sizes}; [inflow]") for inflow in model.inflow]
+    if model.ocean is not None or model.atmosphere is not None:
+        rows.append(("exchange grid", repr(model.grid)))
+    return rows
+
+
+def _drives(table: object) -> str:
+    file, velocity = getattr(table, "file", None), getattr(table, "velocity", None)
+    if file is not None:
+        return f"velocity from {file}"
+    return f"velocity {velocity} m/s" if velocity is not None else "at rest, or set by a host"
+
+
+def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
+    """Degrees of freedom, step, memory, cost."""
+    floes = model.floes
+    moving = int(np.count_nonzero(floes.active & (floes.motion != FIXED)))
+    rows = [
+        (
+            "degrees of freedom",
+            f"{model.degrees_of_freedom()} velocity components of {moving} floes",
+        )
+    ]
+    state = sum(np.asarray(array).nbytes for array in model.state().values())
+    grids = {
+        id(g): g for g in (model.grid, *(f.grid for f in (model.ocean, model.atmosphere) if f))
+    }
+    cells = sum(
+        array.nbytes
+        for grid in grids.values()
+        for array in vars(grid).values()
+        if isinstance(array, np.ndarray)
+    )
+    # packed in the kernels once more
+    rows.append(("memory", f"about {(2 * state + cells) / 1e6:.3g} MB for arrays"))
+    if scene.time.duration is None:
+        return [*rows, ("step", _step_text(model, np.inf))]
+    schedule = scene.schedule()
+    rows.append(("step", _step_text(model, schedule.exchange)))
+    step = min(model.longest_step(), schedule.exchange)
+    steps = schedule.duration / step
+    speed = _speed(model)
+    active = int(np.count_nonzero(floes.active))
+    rows += [
+        (
+            "duration",
+            f"{duration_text(schedule.duration)}, exchange every {duration_text(schedule.exchange)}, "
+            f"a frame every {duration_text(schedule.every)}",
+        ),
+        (
+            "cost",
+            f"{steps:.3g} steps of {active} floes: about {duration_text(steps * active / speed)} at "
+            f"{speed / 1e6:.0f} million floe-steps/s, and some 20 s once to compile",
+        ),
+    ]  # fmt: skip
+    return rows
+
+
+def _step_text(model: "Model", exchange: float) -> str:
+    step, longest = model.step, model.longest_step()
+    if step.length is not None:
+        return f"{longest:.4g} s, as [step] length says ({step.scheme})"
+    if not np.isfinite(longest) or longest >= exchange:
+        return f"one per exchange: nothing stiff limits it ({step.scheme})"
+    if step.epsilon is not None:
+        return f"{longest:.4g} s: Eq. 4 with ε = {step.epsilon:g} ({step.scheme})"
+    floes = model.floes
+    ice = np.flatnonzero(floes.active & (floes.motion != FIXED))
+    smallest = ice[np.argmin(floes.radius[ice])]
+    return (
+        f"{longest:.4g} s at the start: {step.fraction:g} of the stability limit 2/ω_max, from the stiffness "
+        f"of the contacts; the smallest floe (r = {floes.radius[smallest]:.4g} m) counts most ({step.scheme})"
+    )
+
+
+def _speed(model: "Model") -> float:
+    contact = model.contact
+    kind = "free drift" if contact is None else "frictional" if contact.friction else "cohesive"
+    return SPEED[kind] * (DRAG_SLOWS if model.forces else 1.0)
+
+
+def _span(values: np.ndarray) -> str:
+    low, high = values.min(), values.max()
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+
+
+def _numbers(law: tuple) -> str:
+    fields = law._asdict()  # type: ignore[attr-defined]
+    return ", ".join(f"{name} {value:.4g}" for name, value in fields.items()) or "its field"

@@ -1,0 +1,896 @@
+"""Pictures and animations, from the files of a run and from nothing else.
+
+`frame` draws the floes as true circles among the coast, `field` maps a gridded variable, `ledger` shows where
+mass, momentum and energy came from, `animate` makes a film that a browser plays.  All share one style:
+light water, land in sand, sequential maps that everyone can read (viridis; RdBu where a sign matters),
+axes in km, the time above.
+
+Figures are matplotlib's `Figure` without pyplot: nobody's backend or open windows are touched, and the
+style holds only while a picture is drawn.  A film is drawn frame by frame and piped to the ffmpeg binary
+that PyPI's imageio-ffmpeg brings; matplotlib's own writers would look for one on the user's path.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
+
+import numpy as np
+
+from floebmi.errors import InputError, choose
+from floebmi.output import open_file
+from floebmi.variables import VARIABLES, find
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, Normalize
+    from matplotlib.figure import Figure
+    from netCDF4 import Dataset
+
+WATER = "#d3e4ee"
+LAND = "#b9ab8e"
+COAST = "#7d7159"
+INK = "#1d2b36"
+DPI = 150
+CONCENTRATION = ["#0c2c4c", "#1f5f8f", "#66a5c9", "#bfdcea", "#ffffff"]  # water to ice
+
+Arrows = Literal["ice", "ocean", "wind", "stress"]
+_ARROWS = {
+    "ice": ("ice_velocity", "m/s", "ice"),
+    "ocean": ("ocean_velocity", "m/s", "current"),
+    "wind": ("wind", "m/s", "wind"),
+    "stress": ("ocean_stress", "Pa", "stress on ocean"),
+}
+
+
+def style() -> dict[str, Any]:
+    """The rcParams of all pictures."""
+    return {
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans"],
+        "font.size": 9,
+        "axes.titlesize": 10,
+        "axes.titlelocation": "left",
+        "axes.labelcolor": INK,
+        "axes.edgecolor": INK,
+        "axes.linewidth": 0.8,
+        "axes.facecolor": WATER,
+        "axes.prop_cycle": _cycle(),
+        "axes.formatter.useoffset": False,
+        "axes.formatter.limits": (-4, 5),
+        "figure.facecolor": "white",
+        "figure.dpi": DPI,
+        "savefig.dpi": DPI,
+        "text.color": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "xtick.labelsize": 8,
+        "ytick.labelsize": 8,
+        "legend.fontsize": 8,
+        "legend.frameon": False,
+        "lines.linewidth": 1.4,
+    }
+
+
+def _cycle() -> Any:
+    from cycler import cycler
+
+    # Okabe and Ito's colours, which differ for all kinds of colour vision
+    colours = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6b6b6b"]
+    return cycler(color=colours)
+
+
+def frame(
+    trajectories: str | Path,
+    gridded: str | Path | None = None,
+    time: int = -1,
+    color: str | None = "speed",
+    to: str | Path | None = None,
+    *,
+    arrows: Arrows | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str | None = None,
+    size: int = 1200,
+) -> "Figure":
+    """Floes as circles at one time, over water and land.
+
+    Parameters
+    ----------
+    trajectories : file of `TrajectoryWriter`
+    gridded : file of `GriddedWriter` of the same run: for its land, the mean wind, the graticule and arrows
+    time : number of the frame, negative from the end
+    color : "speed" or a variable of the trajectory file ("thickness", "contact_force" …); None: plain ice
+    to : file to save (.png, .pdf, .svg)
+    arrows : "ice", "ocean", "wind" (velocities) or "stress" (ice on ocean) from the gridded file
+    limits : ends of the colour scale; by default they hold all frames' values but the largest 1 %
+    title : default: the file's title
+    size : width of the picture in pixels
+
+    Returns
+    -------
+    matplotlib Figure; with `to` given it is saved already.
+
+    Raises
+    ------
+    InputError
+        for files, times, variables or formats that cannot be used.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context(style()), ExitStack() as files:
+        view = _open_view(files, trajectories, gridded)
+        k = _frame_number(trajectories, time, len(view.time))
+        picture = _FloePicture(view, color, arrows, limits, title, size)
+        picture.show(k)
+        return _save(picture.figure, to)
+
+
+def field(
+    gridded: str | Path,
+    variable: str = "area_fraction",
+    time: int = -1,
+    to: str | Path | None = None,
+    *,
+    arrows: Arrows | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str | None = None,
+    size: int = 1200,
+) -> "Figure":
+    """Map of a gridded variable at one time.
+
+    Parameters
+    ----------
+    gridded : file of `GriddedWriter`
+    variable : short, CSDMS or CF name (see variables.py)
+    time, to, arrows, limits, title, size : as for `frame`
+
+    Raises
+    ------
+    InputError
+        for files, times, variables or formats that cannot be used.
+    """
+    import matplotlib
+
+    row = find(variable)
+    with matplotlib.rc_context(style()), ExitStack() as files:
+        data = files.enter_context(open_file(gridded, "gridded"))
+        if row.file_name not in data.variables:
+            have = [row.name for row in VARIABLES if row.file_name in data.variables]
+            raise InputError(f"{gridded}: has no {row.name}; {choose(row.name, have)}")
+        k = _frame_number(gridded, time, len(data.dimensions["time"]))
+        values = _filled(data[row.file_name][k])
+        view = _View(data, data, _length_unit(data), _Clock(data))
+        label = f"{row.text} [{_pretty(row.units)}]"
+        scale = _scale_of(row.name, values, limits)
+        figure, axes = _canvas(view, size, _Bar(label, scale))
+        _draw_cells(axes, view, data[row.file_name].dimensions[1:], values, scale)
+        _draw_land(axes, view)
+        _draw_graticule(axes, view)
+        if arrows is not None:
+            _draw_arrows(axes, view, arrows, k)
+        _draw_scale_bar(axes, view)
+        _titles(axes, title or str(getattr(data, "title", "")), view.clock.text(k))
+        return _save(figure, to)
+
+
+def ledger(
+    path: str | Path,
+    to: str | Path | None = None,
+    *,
+    title: str | None = None,
+    size: int = 1200,
+) -> "Figure":
+    """Where mass, momentum and energy of the ice came from, in time.
+
+    Each panel shows what the ice has gained since the start, the accounts that it came from (their sum is
+    the gain), and the residual.
+
+    Parameters
+    ----------
+    path : file of `TrajectoryWriter` or `GriddedWriter`
+    to, title, size : as for `frame`
+
+    Raises
+    ------
+    InputError
+        for a file that is not one of those.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context({**style(), "axes.facecolor": "white"}), ExitStack() as files:
+        data = files.enter_context(open_file(path, "trajectories", "gridded"))
+        return _save(_ledger_figure(data, title, size), to)
+
+
+def animate(
+    trajectories: str | Path,
+    gridded: str | Path | None = None,
+    to: str | Path = "floes.mp4",
+    *,
+    color: str | None = "speed",
+    arrows: Arrows | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str | None = None,
+    size: int = 1000,
+    fps: int = 12,
+    every: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """A film of the floes, as `frame` draws them.
+
+    Parameters
+    ----------
+    trajectories, gridded, color, arrows, limits, title : as for `frame`
+    to : .mp4 (H.264, plays in browsers) or .gif
+    size : width in pixels
+    fps : frames per second
+    every : take each n-th frame of the file
+    progress : called with (frames done, all frames)
+
+    Returns
+    -------
+    The file; it appears when it is whole.
+
+    Raises
+    ------
+    InputError
+        as `frame`, and for another ending of the name, fps < 1 or every < 1.
+    """
+    import matplotlib
+
+    to = Path(to)
+    if to.suffix not in (".mp4", ".gif"):
+        raise InputError(f"{to}: {choose(to.suffix, ('.mp4', '.gif'))}")
+    if not to.parent.is_dir():
+        raise InputError(f"{to}: there is no folder {to.parent}")
+    for name, value in (("fps", fps), ("every", every)):
+        if value < 1:
+            raise InputError(f"{name} = {value}: must be at least 1")
+    part = to.with_name(f"{to.stem}.part{to.suffix}")
+    with matplotlib.rc_context(style()), ExitStack() as files:
+        view = _open_view(files, trajectories, gridded)
+        picture = _FloePicture(view, color, arrows, limits, title, size)
+        numbers = range(0, len(view.time), every)
+
+        def images() -> Iterator[np.ndarray]:
+            for done, k in enumerate(numbers, 1):
+                picture.show(k)
+                yield _pixels(picture.figure)
+                if progress is not None:
+                    progress(done, len(numbers))
+
+        try:
+            (_write_mp4 if to.suffix == ".mp4" else _write_gif)(part, images(), fps)
+            os.replace(part, to)
+        finally:
+            part.unlink(missing_ok=True)
+    return to
+
+
+# ---- files ------------------------------------------------------------------------------------
+
+
+class _Clock:
+    """Times of a file in words; elapsed time if the run has no date."""
+
+    def __init__(self, data: "Dataset") -> None:
+        import cftime
+
+        self.seconds = _filled(data["time"][:])
+        self._dates = None
+        if getattr(data["time"], "epoch", "") != "arbitrary":
+            self._dates = cftime.num2date(self.seconds, data["time"].units, data["time"].calendar)
+        span = self.seconds[-1] if len(self.seconds) else 0.0
+        units = ((1.0, "s", 300), (60.0, "min", 180), (3600.0, "h", 96), (86400.0, "d", np.inf))
+        self.unit, self.name = next((u, name) for u, name, most in units if span <= most * u)
+
+    def text(self, k: int) -> str:
+        if self._dates is not None:
+            return self._dates[k].strftime("%Y-%m-%d %H:%M")
+        value = self.seconds[k] / self.unit
+        return f"t = {value:.4g} {self.name}"
+
+
+class _View(NamedTuple):
+    """The files of a run, the length that is one unit of the axes, and the clock."""
+
+    data: "Dataset"  # with the domain, and the land polygons
+    gridded: "Dataset | None"
+    length: tuple[float, str]
+    clock: _Clock
+
+    @property
+    def time(self) -> np.ndarray:
+        return self.clock.seconds
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """West, east, south, north in units of the axes."""
+        (west, east), (south, north) = self.data.domain_x, self.data.domain_y
+        return tuple(float(value) / self.length[0] for value in (west, east, south, north))
+
+
+def _open_view(files: ExitStack, trajectories: str | Path, gridded: str | Path | None) -> _View:
+    floes = files.enter_context(open_file(trajectories, "trajectories"))
+    fields = None
+    if gridded is not None:
+        fields = files.enter_context(open_file(gridded, "gridded"))
+    if not len(floes.dimensions["time"]):
+        raise InputError(f"{trajectories}: has no frame yet")
+    return _View(floes, fields, _length_unit(floes), _Clock(floes))
+
+
+def _length_unit(data: "Dataset") -> tuple[float, str]:
+    widest = max(np.ptp(data.domain_x), np.ptp(data.domain_y))
+    return (1000.0, "km") if widest > 2000.0 else (1.0, "m")
+
+
+def _frame_number(path: str | Path, time: int, n: int) -> int:
+    if not -n <= time < n:
+        raise InputError(f"{path}: time = {time}: it has {n} frames; give {-n} to {n - 1}")
+    return time % n
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """Plain array; what is missing is NaN."""
+    if np.ma.isMaskedArray(values):
+        return values.astype(float).filled(np.nan) if values.mask.any() else values.data
+    return np.asarray(values)
+
+
+def _pretty(units: str) -> str:
+    superscript = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    words = []
+    for word in units.split():
+        letters = word.rstrip("-0123456789")
+        words.append(letters + word[len(letters) :].translate(superscript) if letters else word)
+    return " ".join(words)
+
+
+# ---- colours ----------------------------------------------------------------------------------
+
+
+class _Scale(NamedTuple):
+    """How numbers become colours."""
+
+    cmap: "Colormap"
+    norm: "Normalize"
+    extend: str = "neither"
+    ticks: np.ndarray | None = None
+
+
+class _Bar(NamedTuple):
+    """A colour bar: its label and its scale."""
+
+    label: str
+    scale: _Scale
+
+
+def _scale_of(name: str, values: np.ndarray, limits: tuple[float, float] | None) -> _Scale:
+    import matplotlib
+    from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
+
+    values = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    if name == "area_fraction":
+        cmap = LinearSegmentedColormap.from_list("concentration", CONCENTRATION)
+        return _Scale(cmap, Normalize(*(limits or (0.0, 1.0))))
+    if values.dtype.kind in "iu" and limits is None:
+        top = max(int(high), 1)
+        levels = np.arange(min(top, 6) + 2) - 0.5
+        cmap = matplotlib.colormaps["viridis"]
+        extend = "max" if top > 6 else "neither"
+        norm = BoundaryNorm(levels, cmap.N, extend=extend)
+        return _Scale(cmap, norm, extend, np.arange(min(top, 6) + 1))
+    signed = low < 0.0 < high
+    if limits is None:
+        largest = float(np.percentile(np.abs(values), 99)) if values.size else 1.0
+        largest = largest or max(abs(low), abs(high)) or 1.0
+        if signed:
+            limits = -largest, largest
+        elif low > 0.5 * high:  # far from zero: show the differences
+            spread = 0.02 * high if high - low < 1e-6 * high else 0.0
+            limits = low - spread, high + spread
+        else:
+            limits = (0.0, largest) if high > 0 else (-largest, 0.0)
+    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    shown = extend.get((low < limits[0], high > limits[1]), "neither")
+    cmap = matplotlib.colormaps["RdBu_r" if signed else "viridis"]
+    return _Scale(cmap, Normalize(*limits), shown)
+
+
+# ---- canvas -----------------------------------------------------------------------------------
+
+
+def _canvas(view: _View, size: int, bar: _Bar | None) -> tuple["Figure", "Axes"]:
+    """A figure that fits the domain: true proportions, margins in inches, even numbers of pixels."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    west, east, south, north = view.box
+    left, right, bottom, top = 0.75, 1.15 if bar else 0.25, 0.55, 0.45
+    aspect = (north - south) / (east - west)
+    width = size / DPI
+    across = width - left - right
+    up = across * aspect
+    if up > 1.25 * width:  # a tall domain: the picture ends at 1.25 of its width, and narrows
+        up = 1.25 * width
+        across = up / aspect
+        width = across + left + right
+    height = max(up, 1.2) + bottom + top
+    width, height = (2 * round(length * DPI / 2) / DPI for length in (width, height))
+    figure = Figure(figsize=(width, height), dpi=DPI)
+    FigureCanvasAgg(figure)
+    rise = bottom + 0.5 * (height - bottom - top - up)  # a flat domain sits in the middle
+    axes = figure.add_axes(
+        (left / width, rise / height, across / width, up / height),
+        xlim=(west, east),
+        ylim=(south, north),
+    )
+    axes.set_xlabel(f"x [{view.length[1]}]")
+    axes.set_ylabel(f"y [{view.length[1]}]")
+    axes.set_aspect("equal")
+    axes.set_axisbelow(False)
+    if bar is not None:
+        from matplotlib.cm import ScalarMappable
+
+        box = (
+            (left + across + 0.12) / width,
+            bottom / height,
+            0.16 / width,
+            1 - (bottom + top) / height,
+        )
+        shades = figure.colorbar(
+            ScalarMappable(bar.scale.norm, bar.scale.cmap),
+            cax=figure.add_axes(box),
+            extend=bar.scale.extend,
+            ticks=bar.scale.ticks,
+        )
+        shades.set_label(bar.label)
+        shades.outline.set_linewidth(0.6)
+    return figure, axes
+
+
+def _titles(axes: "Axes", title: str, time: str) -> None:
+    axes.set_title(title, loc="left", pad=7)
+    axes.set_title(time, loc="right", pad=7)
+
+
+def _save(figure: "Figure", to: str | Path | None) -> "Figure":
+    if to is not None:
+        to = Path(to)
+        kinds = figure.canvas.get_supported_filetypes()
+        if to.suffix[1:] not in kinds:
+            raise InputError(f"{to}: {choose(to.suffix, [f'.{kind}' for kind in kinds])}")
+        if not to.parent.is_dir():
+            raise InputError(f"{to}: there is no folder {to.parent}")
+        figure.savefig(to)
+    return figure
+
+
+# ---- what is drawn ----------------------------------------------------------------------------
+
+
+def _draw_land(axes: "Axes", view: _View) -> None:
+    """Land polygons if the file has them, else the dry cells."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import ListedColormap, Normalize
+
+    unit = view.length[0]
+    if "land_node_count" in view.data.variables:
+        counts = view.data["land_node_count"][:]
+        nodes = np.stack([view.data["land_x"][:], view.data["land_y"][:]], axis=1) / unit
+        rings = np.split(nodes, np.cumsum(counts)[:-1])
+        axes.add_collection(
+            PolyCollection(rings, facecolor=LAND, edgecolor=COAST, linewidth=0.6, zorder=2),
+            autolim=False,
+        )
+    elif view.gridded is not None and "land_mask" in view.gridded.variables:
+        mask = view.gridded["land_mask"]
+        dry = np.where(mask[:] == 1, 1.0, np.nan)
+        scale = _Scale(ListedColormap([LAND]), Normalize(0, 2))
+        _draw_cells(axes, view, mask.dimensions, dry, scale, zorder=2)
+
+
+def _draw_cells(
+    axes: "Axes",
+    view: _View,
+    dimensions: tuple[str, ...],
+    values: np.ndarray,
+    scale: _Scale,
+    zorder: float = 1,
+) -> None:
+    """Cells in the colours of their values; NaN stays open."""
+    from matplotlib.collections import PolyCollection
+
+    corners = _cell_corners(view, dimensions)
+    look = {"cmap": scale.cmap, "norm": scale.norm, "zorder": zorder}
+    if isinstance(corners, tuple):
+        axes.pcolormesh(*corners, np.ma.masked_invalid(values), **look)
+        axes.set(xlim=view.box[:2], ylim=view.box[2:])
+        return
+    there = np.isfinite(values.ravel())
+    cells = PolyCollection(
+        [corner for corner, drawn in zip(corners, there, strict=True) if drawn],
+        array=values.ravel()[there],
+        edgecolor="face",
+        linewidth=0.2,
+        **look,
+    )
+    axes.add_collection(cells, autolim=False)
+
+
+def _cell_corners(
+    view: _View, dimensions: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray] | list[np.ndarray]:
+    """Edges along x and y of a rectilinear grid, or the corners of each cell; in units of the axes."""
+    data, unit = view.gridded, view.length[0]
+    if data is None:
+        return []
+    suffix = "".join(dimensions[0].partition("_")[1:])
+    if f"face_nodes{suffix}" in data.variables:
+        data.set_auto_mask(False)
+        faces = data[f"face_nodes{suffix}"][:]
+        data.set_auto_mask(True)
+        nodes = np.stack([data[f"node_{a}{suffix}"][:] for a in "xy"], axis=-1) / unit
+        return [nodes[face[face >= 0]] for face in faces]
+    bounds = [_filled(data[f"{a}{suffix}_bnds"][:]) / unit for a in "xy"]
+    if bounds[0].ndim == 2:
+        return tuple(np.append(b[:, 0], b[-1, 1]) for b in bounds)
+    return list(np.stack(bounds, axis=-1).reshape(-1, 4, 2))
+
+
+def _draw_graticule(axes: "Axes", view: _View) -> None:
+    """Lines of latitude and longitude, where the grid is on the globe."""
+    from matplotlib.ticker import MaxNLocator
+
+    data = view.gridded
+    if data is None or "latitude" not in data.variables:
+        return
+    x, y = _centres(data, data["latitude"].dimensions, view.length[0])
+    if min(np.shape(x)) < 3:
+        return
+    draw = axes.contour if np.ndim(x) == 2 else axes.tricontour
+    for name, signs in (("latitude", "NS"), ("longitude", "EW")):
+        values = _filled(data[name][:])
+        span = np.ptp(values)
+        if name == "longitude" and (span > 180 or np.abs(data["latitude"][:]).max() > 89):
+            continue  # a seam or the pole inside
+        levels = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(values.min(), values.max())
+        lines = draw(x, y, values, levels, colors=INK, linewidths=0.4, alpha=0.45, zorder=2.5)
+
+        def text(value: float, signs: str = signs) -> str:
+            return f"{abs(value):.4g}°{signs[value < 0] if value else ''}"
+
+        axes.clabel(lines, fmt=text, fontsize=6.5)
+
+
+def _centres(
+    data: "Dataset", dimensions: tuple[str, ...], unit: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of the cells, of the shape of a field."""
+    suffix = "".join(dimensions[0].partition("_")[1:])
+    x, y = (_filled(data[f"{a}{suffix}"][:]) / unit for a in "xy")
+    if len(dimensions) == 2 and x.ndim == 1:
+        x, y = np.meshgrid(x, y)
+    return x, y
+
+
+def _field_frame(view: _View, k: int) -> int:
+    """The frame of the gridded file nearest in time to frame k of the view."""
+    return int(np.argmin(np.abs(_filled(view.gridded["time"][:]) - view.time[k])))
+
+
+def _vectors(
+    view: _View, name: str, k: int
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] | None:
+    files = [find(f"{name}_{a}").file_name for a in "xy"]
+    if view.gridded is None or files[0] not in view.gridded.variables:
+        return None
+    at = _field_frame(view, k)
+    u, v = (_filled(view.gridded[file][at]) for file in files)
+    return u, v, view.gridded[files[0]].dimensions[1:]
+
+
+def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
+    """Arrows on the grid, at most about 25 across, with a key."""
+    if arrows not in _ARROWS:
+        raise InputError(f"arrows = {arrows!r}: {choose(arrows, _ARROWS)}")
+    name, units, word = _ARROWS[arrows]
+    found = _vectors(view, name, k)
+    if found is None:
+        raise InputError(f"arrows = {arrows!r}: there is no gridded file with {name}_x")
+    u, v, dimensions = found
+    x, y = _centres(view.gridded, dimensions, view.length[0])
+    step = max(1, round(max(np.shape(x)) / 25)) if x.ndim == 2 else 1
+    take = (slice(step // 2, None, step),) * x.ndim
+    x, y, u, v = (values[take].ravel() for values in (x, y, u, v))
+    there = np.isfinite(u) & np.isfinite(v)
+    if not there.any():
+        return []
+    speed = np.hypot(u, v)[there]
+    key = _round_down(float(np.percentile(speed, 95)) or 1.0)
+    width = view.box[1] - view.box[0]
+    drawn = axes.quiver(
+        *(values[there] for values in (x, y, u, v)),
+        color=INK, angles="xy", scale_units="xy", scale=key / (0.05 * width),
+        width=0.002, headwidth=4, zorder=5,
+    )  # fmt: skip
+    label = f"{word} {key:g} {units}"
+    above = axes.quiverkey(drawn, 0.5, 1.03, key, label, labelpos="E", coordinates="axes")
+    return [drawn, above]
+
+
+def _draw_scale_bar(axes: "Axes", view: _View) -> None:
+    west, east, south, north = view.box
+    length = _round_down(0.22 * (east - west))
+    inch = (east - west) / (axes.get_position().width * axes.figure.get_figwidth())
+    x, y = west + 0.16 * inch, south + 0.16 * inch
+    axes.add_patch(_panel(x - 0.08 * inch, y - 0.08 * inch, length + 0.16 * inch, 0.33 * inch))
+    axes.plot([x, x + length], [y, y], color=INK, lw=2.5, solid_capstyle="butt", zorder=7)
+    axes.text(
+        x + length / 2, y + 0.04 * inch, f"{length:g} {view.length[1]}",
+        ha="center", va="bottom", fontsize=7.5, zorder=7,
+    )  # fmt: skip
+
+
+def _panel(x: float, y: float, width: float, height: float) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x, y), width, height, facecolor="white", alpha=0.8, lw=0, zorder=6)
+
+
+def _round_down(value: float) -> float:
+    """The largest of 1, 2, 5 × 10^n that is not above the value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-9)))
+
+
+def _draw_wind(axes: "Axes", view: _View, k: int) -> list[Any]:
+    """The mean wind as one arrow in the upper left corner."""
+    found = _vectors(view, "wind", k)
+    if found is None or not np.isfinite(found[0]).any():
+        return []
+    u, v = (float(np.nanmean(values)) for values in found[:2])
+    speed = np.hypot(u, v)
+    if speed < 0.05:
+        return []
+    west, east, south, north = view.box
+    inch = (east - west) / (axes.get_position().width * axes.figure.get_figwidth())
+    x, y = west + 0.36 * inch, north - 0.36 * inch
+    box = axes.add_patch(_panel(west + 0.08 * inch, north - 0.64 * inch, 1.35 * inch, 0.56 * inch))
+    half = 0.2 * inch
+    arrow = axes.annotate(
+        "",
+        xy=(x + half * u / speed, y + half * v / speed),
+        xytext=(x - half * u / speed, y - half * v / speed),
+        arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.4, "shrinkA": 0, "shrinkB": 0},
+        zorder=7,
+    )
+    label = axes.text(
+        west + 0.68 * inch, y, f"wind\n{speed:.1f} m/s", va="center", fontsize=7.5, zorder=7
+    )
+    return [box, arrow, label]
+
+
+@final
+class _FloePicture:
+    """A figure that can show any frame: what stands still is drawn once, the rest anew for each frame."""
+
+    def __init__(
+        self,
+        view: _View,
+        color: str | None,
+        arrows: str | None,
+        limits: tuple[float, float] | None,
+        title: str | None,
+        size: int,
+    ) -> None:
+        self._view, self._color, self._arrows = view, color, arrows
+        data = view.data
+        self._radius = self._read("radius", 0)
+        motion = self._read("motion", 0).astype(int)
+        held = (motion & 7) == 7
+        self._still = ((motion & 8) != 0) | (held & self._never_moves())
+        self._bar = None
+        if color is not None:
+            self._check_color(color)
+            sample = np.unique(np.linspace(0, len(view.time) - 1, 20).astype(int))
+            values = np.concatenate([self._values(k)[~self._still] for k in sample])
+            self._bar = _Bar(self._label(color), _scale_of(color, values, limits))
+        self.figure, self.axes = _canvas(view, size, self._bar)
+        self._title = title if title is not None else str(getattr(data, "title", ""))
+        _draw_land(self.axes, view)
+        _draw_graticule(self.axes, view)
+        _draw_scale_bar(self.axes, view)
+        self._moving: list[Any] = []
+
+    def show(self, k: int) -> None:
+        """Draw frame k."""
+        for artist in self._moving:
+            artist.remove()
+        x, y = self._read("x", k), self._read("y", k)
+        here = np.isfinite(x)
+        radius = self._read("radius", k)
+        land, ice = here & self._still, here & ~self._still
+        self._moving = [self._circles(x, y, radius, land, facecolor=LAND, edgecolor=LAND)]
+        if self._bar is None:
+            look = {"facecolor": "white"}
+        else:
+            scale = self._bar.scale
+            look = {"cmap": scale.cmap, "norm": scale.norm, "array": self._values(k)}
+        pixels = (
+            np.median(radius[ice]) / self._view.length[0] * self._per_unit() if ice.any() else 0
+        )
+        edge = {"edgecolor": INK, "linewidth": float(np.clip(0.05 * pixels, 0.0, 0.5))}
+        self._moving.append(self._circles(x, y, radius, ice, **look, **edge))
+        self._moving += _draw_wind(self.axes, self._view, k)
+        if self._arrows is not None:
+            self._moving += _draw_arrows(self.axes, self._view, self._arrows, k)
+        _titles(self.axes, self._title, self._view.clock.text(k))
+
+    def _circles(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        radius: np.ndarray,
+        which: np.ndarray,
+        array: np.ndarray | None = None,
+        **look: Any,
+    ) -> Any:
+        from matplotlib.collections import EllipseCollection
+
+        number, shift_x, shift_y = self._images(x, y, radius, np.flatnonzero(which))
+        unit = self._view.length[0]
+        across = 2 * radius[number] / unit
+        circles = EllipseCollection(
+            across, across, np.zeros(len(number)), units="xy", zorder=3,
+            offsets=np.stack([x[number] + shift_x, y[number] + shift_y], axis=1) / unit,
+            offset_transform=self.axes.transData, **look,
+        )  # fmt: skip
+        if array is not None:
+            circles.set_array(array[number])
+        return self.axes.add_collection(circles, autolim=False)
+
+    def _images(
+        self, x: np.ndarray, y: np.ndarray, radius: np.ndarray, number: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Floes, and copies of those that reach across a periodic edge: number and shift [m]."""
+        data = self._view.data
+        shift_x, shift_y = np.zeros(len(number)), np.zeros(len(number))
+        for place, (low, high), edge in (
+            ("x", data.domain_x, data.domain_west),
+            ("y", data.domain_y, data.domain_south),
+        ):
+            if edge != "periodic":
+                continue
+            centre = (x[number] + shift_x) if place == "x" else (y[number] + shift_y)
+            for beyond, way in (
+                (centre + radius[number] > high, low - high),
+                (centre - radius[number] < low, high - low),
+            ):
+                copies = np.flatnonzero(beyond)
+                number = np.append(number, number[copies])
+                shift_x = np.append(shift_x, shift_x[copies] + (way if place == "x" else 0.0))
+                shift_y = np.append(shift_y, shift_y[copies] + (way if place == "y" else 0.0))
+                centre = np.append(centre, np.full(len(copies), 0.5 * (low + high)))
+        return number, shift_x, shift_y
+
+    def _per_unit(self) -> float:
+        """Pixels per unit of the axes."""
+        west, east = self._view.box[:2]
+        return self.axes.get_position().width * self.figure.get_figwidth() * DPI / (east - west)
+
+    def _read(self, name: str, k: int) -> np.ndarray:
+        variable = self._view.data[name]
+        return _filled(variable[k] if variable.ndim == 2 else variable[:])
+
+    def _never_moves(self) -> np.ndarray:
+        """Floes that stand where they stood, in the first and last frame."""
+        first, last = 0, len(self._view.time) - 1
+        gone = (
+            np.nan_to_num(self._read("u", first)) ** 2 + np.nan_to_num(self._read("v", first)) ** 2
+        )
+        moved = np.abs(self._read("x", last) - self._read("x", first))
+        moved += np.abs(self._read("y", last) - self._read("y", first))
+        return (gone == 0) & ~(moved > 0)
+
+    def _check_color(self, color: str) -> None:
+        have = ["speed"] + [
+            name
+            for name, variable in self._view.data.variables.items()
+            if variable.dimensions in (("time", "trajectory"), ("trajectory",))
+        ]
+        if color not in have:
+            raise InputError(f"color = {color!r}: {choose(color, have)}")
+
+    def _values(self, k: int) -> np.ndarray:
+        if self._color == "speed":
+            return np.hypot(self._read("u", k), self._read("v", k))
+        return self._read(self._color, k)
+
+    def _label(self, color: str) -> str:
+        if color == "speed":
+            return "speed [m s⁻¹]"
+        variable = self._view.data[color]
+        units = getattr(variable, "units", "1")
+        return variable.long_name + ("" if units == "1" else f" [{_pretty(units)}]")
+
+
+# ---- ledger -----------------------------------------------------------------------------------
+
+
+def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
+    from matplotlib.figure import Figure
+
+    from floebmi.budgets import QUANTITIES, UNITS
+
+    clock = _Clock(data)
+    time = clock.seconds / clock.unit
+    stock = _filled(data["ledger_stock"][:])
+    gained = np.nan_to_num(_filled(data["ledger_gained"][:]))
+    accounts = [str(name) for name in data["ledger_account"][:]]
+    figure = Figure(figsize=(size / DPI, 0.75 * size / DPI), dpi=DPI, layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True)
+    for q, (axes, name, unit) in enumerate(zip(panels.flat, QUANTITIES, UNITS, strict=True)):
+        gain = stock[:, q] - stock[0, q]
+        axes.axhline(0.0, color="0.8", lw=0.8)
+        for a, account in enumerate(accounts):
+            if gained[:, a, q].any():
+                axes.plot(time, gained[:, a, q] - gained[0, a, q], label=account, color=f"C{a % 7}")
+        axes.plot(time, gain, color="black", lw=2.0, label="gain of the ice")
+        residual = gain - (gained[:, :, q] - gained[0, :, q]).sum(axis=1)
+        axes.plot(time, residual, color="black", ls=":", label="residual")
+        axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
+        axes.legend()
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in panels[1]:
+        axes.set_xlabel(f"time [{clock.name}]")
+    figure.suptitle(
+        title or f"{getattr(data, 'title', '')}: gains since the first frame", ha="left", x=0.02
+    )
+    return figure
+
+
+# ---- film -------------------------------------------------------------------------------------
+
+
+def _pixels(figure: "Figure") -> np.ndarray:
+    """The figure as RGB, shape (height, width, 3), uint8."""
+    figure.canvas.draw()
+    return np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[:, :, :3])
+
+
+def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
+    import imageio_ffmpeg
+
+    first = next(images)
+    height, width = first.shape[:2]
+    pipe = imageio_ffmpeg.write_frames(
+        path, (width, height), fps=fps, codec="libx264", quality=None, macro_block_size=2,
+        output_params=["-crf", "20", "-movflags", "+faststart"],
+    )  # fmt: skip
+    pipe.send(None)
+    try:
+        pipe.send(first)
+        for image in images:
+            pipe.send(image)
+    finally:
+        pipe.close()
+
+
+def _write_gif(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
+    from PIL import Image
+
+    def indexed(image: np.ndarray) -> "Image.Image":
+        return Image.fromarray(image).quantize(255, dither=Image.Dither.NONE)
+
+    first = indexed(next(images))
+    first.save(
+        path,
+        save_all=True,
+        append_images=(indexed(image) for image in images),
+        duration=round(1000 / fps),
+        loop=0,
+    )

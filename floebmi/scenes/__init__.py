@@ -1,0 +1,16 @@
+"""Scenes that come with the package, and the data that they read (licences beside the data)."""
+
+import tomllib
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+
+
+def packaged() -> dict[str, Path]:
+    """The packaged scenes: name → file."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+
+
+def titles() -> dict[str, str]:
+    """The packaged scenes: name → title."""
+    return {name: tomllib.loads(path.read_text())["title"] for name, path in packaged().items()}

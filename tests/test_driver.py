@@ -1,0 +1,682 @@
+"""Two BMI models coupled both ways: the books close, and whatever goes wrong is said in one line."""
+
+import contextlib
+import importlib.util
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coupling.driver import HEADER, Coupling, CouplingError, Link, bmi_grid, couple
+from coupling.regrid import Regrid
+from coupling.slab import MOMENTUM, STRESS, SURFACE, TwoSlabOcean
+from floebmi.errors import InputError
+from floebmi.grid import Grid
+
+OCEAN = """
+[grid]
+x = [0.0, 20e3]
+y = [0.0, 12e3]
+spacing = 2e3
+[ocean]
+surface_thickness = 3.0
+deep_thickness = 12.0
+surface_velocity = [0.4, -0.1]
+[time]
+step = 300.0
+"""
+RUNNING = tuple(
+    f"sea_ice_bottom_water_flowing__time_integral_of_{a}_z_component_of_stress" for a in "xy"
+)
+ICE_MOMENTUM = tuple(
+    f"sea_ice_flowing__domain_integral_of_{a}_component_of_momentum" for a in "xy"
+)
+OTHER = tuple(
+    f"sea_ice_flowing__domain_time_integral_of_{a}_component_of_other_force" for a in "xy"
+)
+FRACTION, THICKNESS = "sea_ice__area_fraction", "sea_ice__thickness"
+UNITS = {
+    **dict.fromkeys(SURFACE, "m s-1"), **dict.fromkeys(STRESS, "Pa"), **dict.fromkeys(RUNNING, "Pa s"),
+    **dict.fromkeys(ICE_MOMENTUM + OTHER, "kg m s-1"), FRACTION: "1", THICKNESS: "m",
+}  # fmt: skip
+
+
+class Ice:
+    """A stand-in for floes: ice in every cell, pushed by water and wind, in steps of 60 s.
+
+    It speaks as much BMI as a coupler needs.  `stress` is that of the last step only, which is what many
+    components give.
+    """
+
+    def __init__(self, grid, wind=(0.0, 0.0), fraction=0.7):
+        self.grid, self.wind = grid, wind
+        self.fraction = np.where(grid.wet, fraction, 0.0)
+        self.now = 0.0
+        self.values = {name: np.zeros(grid.size) for name in (*SURFACE, *STRESS, *RUNNING)}
+        self.values |= {name: np.zeros(1) for name in ICE_MOMENTUM + OTHER}
+        self.values |= {FRACTION: self.fraction, THICKNESS: np.linspace(1, 2, grid.size)}
+        self.velocity = np.zeros((2, grid.size))
+        self.mass = 900.0 * self.fraction * self.values[THICKNESS]  # per cell area
+
+    def update(self):
+        dt = 60.0
+        slip = np.stack([self.values[name] for name in SURFACE]) - self.velocity
+        drag = 1000.0 * 5e-3 * self.fraction * np.hypot(*slip) * slip
+        push = self.fraction * np.asarray(self.wind)[:, None]
+        mass = np.where(self.mass > 0, self.mass, 1.0)
+        self.velocity += np.where(self.mass > 0, (drag + push) * dt / mass, 0.0)
+        for axis in (0, 1):
+            self.values[STRESS[axis]][:] = -drag[axis]
+            self.values[RUNNING[axis]] -= drag[axis] * dt
+            self.values[OTHER[axis]] += (push[axis] * self.grid.area).sum() * dt
+            momentum = (self.mass * self.velocity[axis] * self.grid.area).sum()
+            self.values[ICE_MOMENTUM[axis]][0] = momentum
+        self.now += dt
+
+    def update_until(self, end):
+        for _ in range(round((end - self.now) / 60.0)):
+            self.update()
+
+    def save_state(self, path):
+        arrays = {f"v{k}": values for k, values in enumerate(self.values.values())}
+        np.savez(path, now=self.now, velocity=self.velocity, **arrays)
+
+    def load_state(self, path):
+        stored = np.load(path)
+        self.now, self.velocity = float(stored["now"]), stored["velocity"]
+        for k, values in enumerate(self.values.values()):
+            values[:] = stored[f"v{k}"]
+
+    def get_component_name(self):
+        return "stand-in"
+
+    def get_input_var_names(self):
+        return SURFACE
+
+    def get_output_var_names(self):
+        return (*STRESS, *RUNNING, *ICE_MOMENTUM, *OTHER, FRACTION, THICKNESS)
+
+    def get_time_units(self):
+        return "s"
+
+    def get_time_step(self):
+        return 60.0
+
+    def get_start_time(self):
+        return 0.0
+
+    def get_current_time(self):
+        return self.now
+
+    def get_end_time(self):
+        return sys.float_info.max
+
+    def get_var_grid(self, name):
+        return 3 if self.values[name].size == self.grid.size else 4
+
+    def get_var_location(self, name):
+        return "face"
+
+    def get_var_units(self, name):
+        return UNITS[name]
+
+    def get_var_type(self, name):
+        return "float64"
+
+    def get_var_itemsize(self, name):
+        return 8
+
+    def get_var_nbytes(self, name):
+        return self.values[name].nbytes
+
+    def get_value(self, name, dest):
+        dest[:] = self.values[name]
+        return dest
+
+    def set_value(self, name, src):
+        self.values[name][:] = src
+
+    def get_grid_type(self, grid):
+        return "unstructured"
+
+    def get_grid_size(self, grid):
+        return self.grid.size
+
+    def get_grid_node_count(self, grid):
+        return self.grid.node_x.size
+
+    def get_grid_face_count(self, grid):
+        return self.grid.size
+
+    def get_grid_x(self, grid, x):
+        x[:] = self.grid.node_x
+        return x
+
+    def get_grid_y(self, grid, y):
+        y[:] = self.grid.node_y
+        return y
+
+    def get_grid_nodes_per_face(self, grid, nodes):
+        nodes[:] = (self.grid.face_nodes >= 0).sum(1)
+        return nodes
+
+    def get_grid_face_nodes(self, grid, nodes):
+        nodes[:] = self.grid.face_nodes[self.grid.face_nodes >= 0]
+        return nodes
+
+
+class Altered:
+    """A model with some answers changed; everything else goes through."""
+
+    def __init__(self, model, **answers):
+        self._model = model
+        self.__dict__.update(answers)
+
+    def __getattr__(self, name):
+        return getattr(self._model, name)
+
+
+@pytest.fixture
+def ocean(tmp_path):
+    def started():
+        path = tmp_path / "ocean.toml"
+        path.write_text(OCEAN)
+        model = TwoSlabOcean()
+        model.initialize(str(path))
+        return model
+
+    return started
+
+
+def same_cells():
+    return Grid.uniform((0, 20e3), (0, 12e3), spacing=2e3)
+
+
+def hexagons():
+    """Polygons that fill part of the ocean: squares with a corner cut off, and the corners."""
+    faces, x, y = [], [], []
+    for j in range(5):
+        for i in range(7):
+            k = len(x)
+            x += [3e3 + 1.7e3 * (i + a) for a in (0, 1, 1, 0.6, 0)]
+            y += [2e3 + 1.5e3 * (j + b) for b in (0, 0, 0.5, 1, 1)]
+            x += [3e3 + 1.7e3 * (i + 1)]
+            y += [2e3 + 1.5e3 * (j + 1)]
+            faces += [[k, k + 1, k + 2, k + 3, k + 4], [k + 2, k + 5, k + 3]]
+    return Grid.unstructured(x, y, faces)
+
+
+CELLS = {
+    "the same cells": same_cells,
+    "finer, and part of the ocean": lambda: Grid.uniform((3e3, 14e3), (1e3, 10e3), spacing=500.0),
+    "polygons": hexagons,
+}
+
+
+def momentum_of(ocean, ice, axis):
+    return ocean.get_value_ptr(MOMENTUM[axis])[0] + ice.values[ICE_MOMENTUM[axis]][0]
+
+
+@pytest.mark.parametrize("cells", CELLS)
+def test_ocean_and_ice_momentum_is_constant_and_every_line_of_the_ledger_closes(cells, ocean):
+    ocean, ice, lines = ocean(), Ice(CELLS[cells]()), []
+    before = [momentum_of(ocean, ice, axis) for axis in (0, 1)]
+    ledger = couple(ocean, ice, every=600.0, until=24 * 600.0, show=lines.append)
+    assert len(ledger) == 24
+    assert (ice.now, ocean.get_current_time()) == (24 * 600.0, 24 * 600.0)
+    exchanged = ledger[-1].turnover
+    assert exchanged > 1e8
+    for axis in (0, 1):
+        assert abs(momentum_of(ocean, ice, axis) - before[axis]) < 1e-12 * exchanged
+    for line in ledger:
+        assert line.relative < 1e-12
+        np.testing.assert_allclose(line.host, line.to_host, rtol=0, atol=1e-12 * exchanged)
+        np.testing.assert_allclose(line.floes, line.from_host, rtol=0, atol=1e-12 * exchanged)
+    assert ledger[0].from_host[0] > 0 > ledger[0].to_host[0]  # the water drags the ice along +x
+    assert lines[1] == HEADER
+    assert len(lines) == 2 + 24
+    assert len(lines[-1]) == len(HEADER)
+    assert "nobody fills: nothing" in lines[0]
+    assert "differenced" in lines[0]
+
+
+def test_the_stress_of_the_last_step_loses_momentum(ocean):
+    ocean, ice = ocean(), Ice(same_cells())
+    before = momentum_of(ocean, ice, 0)
+    wrong = {name: name for name in STRESS}
+    ledger = couple(ocean, ice, every=1800.0, until=4 * 1800.0, to_host=wrong)
+    exchanged = ledger[-1].turnover
+    assert abs(momentum_of(ocean, ice, 0) - before) > 0.3 * ice.values[ICE_MOMENTUM[0]][0]
+    assert ledger[-1].relative > 0.1  # and the ledger shows it
+    assert exchanged > 0
+
+
+def test_what_the_wind_gives_has_its_own_column(ocean):
+    ice = Ice(hexagons(), wind=(0.1, -0.2))
+    ledger = couple(ocean(), ice, every=1200.0, until=6000.0)
+    for line in ledger:
+        assert line.relative < 1e-12
+        assert line.other[0] > 0 > line.other[1]
+        np.testing.assert_allclose(line.floes, line.from_host + line.other, rtol=1e-9)
+
+
+def test_an_ocean_without_ice_is_the_ocean_alone_to_the_last_bit(ocean):
+    coupled, alone = ocean(), ocean()
+    couple(coupled, Ice(hexagons(), fraction=0.0), every=600.0, until=6000.0)
+    for k in range(1, 11):
+        alone.update_until(600.0 * k)
+    for name in alone.get_output_var_names():
+        np.testing.assert_array_equal(alone.get_value_ptr(name), coupled.get_value_ptr(name))
+
+
+def test_land_of_the_host_gets_no_stress_and_its_velocities_are_not_read(ocean):
+    ocean, ice = ocean(), Ice(Grid.uniform((0, 20e3), (0, 12e3), spacing=1.5e3 / 1.5))
+    wet = np.ones(60, bool)
+    wet[[0, 1, 10, 11, 25]] = False
+    land = bmi_grid(ocean, SURFACE[0]).with_wet(wet)
+    ocean.get_value_ptr(SURFACE[0])[~wet] = np.nan
+    lines = []
+    coupling = Coupling(ocean, ice, 600.0, host_grids={0: land})
+    line = coupling.exchange(600.0)
+    assert (ocean.get_value_ptr(STRESS[0])[~wet] == 0).all()
+    assert (ocean.get_value_ptr(STRESS[0])[wet] != 0).all()
+    assert line.relative < 1e-13
+    assert "not at all" in repr(coupling)
+    with pytest.raises(CouplingError, match=r"is nan in cell 0 \(5 such cells\) at 600 s"):
+        couple(ocean, ice, every=600.0, until=1200.0)
+    assert lines == []
+
+
+def test_stress_over_land_cells_only_is_reported_as_undelivered(ocean):
+    ocean, ice = ocean(), Ice(Grid.uniform((0, 20e3), (0, 12e3), spacing=500.0))
+    wet = np.ones(60, bool)
+    wet[:20] = False
+    ice_grid_wet = bmi_grid(ocean, SURFACE[0]).with_wet(wet)
+    coupling = Coupling(ocean, ice, 600.0, host_grids={0: ice_grid_wet})
+    coupling.exchange(600.0)
+    ice.values[SURFACE[0]][:] = 0.0
+    ice.velocity[0, :100] = 1.0  # ice slides over the land, where the water stands still
+    line = coupling.exchange(1200.0)
+    assert line.undelivered[0] > 0
+    assert line.relative < 1e-12
+
+
+# ---- what belongs together --------------------------------------------------------------------
+
+
+def test_explicit_names_come_first_and_what_nobody_fills_is_listed(ocean):
+    ice = Ice(same_cells())
+    deep = "sea_deep_water_flowing__x_component_of_velocity"
+    coupling = Coupling(ocean(), ice, 600.0, to_floes={SURFACE[0]: deep, SURFACE[1]: None})
+    assert coupling.unmatched == (f"floes: {SURFACE[1]}",)
+    coupling.run(600.0)
+    np.testing.assert_array_equal(ice.values[SURFACE[0]], 0.0)
+    ice = Ice(same_cells())
+    one_way = couple(ocean(), ice, every=600.0, until=600.0, to_host=dict.fromkeys(STRESS))
+    assert one_way[0].to_host[0] == 0
+    assert one_way[0].budget_residual is None
+    assert ice.velocity[0].min() > 0
+
+
+def test_ice_fraction_keeps_its_area_and_thickness_its_volume(ocean):
+    """A host that asks for both gets Σ A c and Σ A c h as they were."""
+    got = {}
+
+    def extended(model):
+        return Altered(
+            model,
+            get_input_var_names=lambda: (*STRESS, FRACTION, THICKNESS),
+            get_var_grid=lambda name: 0 if name in UNITS else 1,
+            get_var_units=lambda name: UNITS.get(name, "N s"),
+            get_var_location=lambda name: "node",
+            get_var_type=lambda name: "float64",
+            get_var_itemsize=lambda name: 8,
+            get_var_nbytes=lambda name: 8 if "domain" in name else 480,
+            set_value=lambda name, values: got.update({name: values}),
+        )
+
+    ice = Ice(hexagons())
+    ice.fraction[::3] = 0.0
+    ice.values[THICKNESS][ice.fraction == 0] = 0.0
+    host = extended(ocean())
+    couple(host, ice, every=600.0, until=600.0)
+    area = bmi_grid(ocean(), SURFACE[0]).area
+    ice_area = ice.fraction * ice.grid.area
+    np.testing.assert_allclose((got[FRACTION] * area).sum(), ice_area.sum(), rtol=1e-13)
+    volume = (got[FRACTION] * got[THICKNESS] * area).sum()
+    np.testing.assert_allclose(volume, (ice_area * ice.values[THICKNESS]).sum(), rtol=1e-12)
+    assert got[THICKNESS][got[THICKNESS] > 0].min() >= 1.0  # never thinned by open water
+
+
+def test_convertible_units_are_converted_and_others_are_refused(ocean):
+    plain, ice = ocean(), Ice(hexagons())
+    couple(plain, ice, every=600.0, until=1800.0)
+
+    def units(name):
+        return {SURFACE[0]: "km h-1", STRESS[0]: "dyn cm-2"}.get(name) or model.get_var_units(name)
+
+    def get_value(name, dest):
+        dest[:] = model.get_value_ptr(name) * (3.6 if name == SURFACE[0] else 1.0)
+        return dest
+
+    model = ocean()
+    other = Altered(
+        model,
+        get_var_units=units,
+        get_value=get_value,
+        set_value=lambda name, v: model.set_value(name, v / (10.0 if name == STRESS[0] else 1.0)),
+    )
+    ledger = couple(other, again := Ice(hexagons()), every=600.0, until=1800.0)
+    np.testing.assert_allclose(
+        plain.get_value_ptr(SURFACE[0]), model.get_value_ptr(SURFACE[0]), rtol=1e-13
+    )
+    assert ledger[-1].relative < 1e-12
+    assert "[km h-1]" in repr(Coupling(other, again, 600.0))
+
+    cases = {
+        "kg m-3": "not the same quantity", "": "not units that UDUNITS knows", "metres per hour!": "not units"
+    }  # fmt: skip
+    for wrong, text in cases.items():
+        host = Altered(ocean(), get_var_units=lambda name, wrong=wrong: wrong)
+        with pytest.raises(InputError, match=text) as caught:
+            Coupling(host, Ice(hexagons()), 600.0)
+        assert "\n" not in str(caught.value)
+    told = dict.fromkeys(SURFACE, "m s-1") | dict.fromkeys(STRESS, "N m-2")
+    Coupling(Altered(ocean(), get_var_units=lambda name: ""), Ice(hexagons()), 600.0, units=told)
+
+
+def test_clocks_in_other_units_and_with_other_starts_are_compared(ocean):
+    plain, ice = ocean(), Ice(hexagons())
+    couple(plain, ice, every=600.0, until=1800.0)
+    model = ocean()
+    hours = Altered(
+        model,
+        get_time_units=lambda: "hours since 2016-02-01 00:00",
+        get_start_time=lambda: 24.0,
+        get_current_time=lambda: 24.0 + model.get_current_time() / 3600,
+        get_end_time=lambda: 1e6,
+        update_until=lambda t: model.update_until(round((t - 24.0) * 3600, 6)),
+    )
+    couple(hours, Ice(hexagons()), every=600.0, until=1800.0)
+    np.testing.assert_allclose(
+        plain.get_value_ptr(SURFACE[0]), model.get_value_ptr(SURFACE[0]), rtol=1e-14
+    )
+    with pytest.raises(InputError, match="no unit of time"):
+        Coupling(Altered(model, get_time_units=lambda: "m"), Ice(hexagons()), 600.0)
+    model = ocean()
+    model.update_until(900.0)
+    with pytest.raises(InputError, match="host is at 900 s, the floes at 0 s"):
+        couple(model, Ice(hexagons()), every=600.0, until=1800.0)
+    couple(model, Ice(hexagons()), every=600.0, until=1800.0, offset=900.0)
+    assert model.get_current_time() == 2700.0
+
+
+def test_a_host_that_can_only_step_is_stepped_and_must_land_on_the_exchange(ocean):
+    def refuse(_):
+        raise NotImplementedError
+
+    model = ocean()
+    couple(Altered(model, update_until=refuse), Ice(hexagons()), every=600.0, until=1200.0)
+    assert model.get_current_time() == 1200.0
+    with pytest.raises(CouplingError, match="stands at 900 s after an update to 700 s .its own step is 300"):
+        couple(Altered(ocean(), update_until=refuse), Altered(
+            Ice(hexagons()), update_until=lambda t: None, get_current_time=iter([0.0] * 4 + [700.0] * 9).__next__
+        ), every=700.0, until=700.0)  # fmt: skip
+
+
+# ---- cells ------------------------------------------------------------------------------------
+
+
+class Told:
+    """A model of which only the grid is asked."""
+
+    def __init__(self, kind, location, shape=(), size=0, **arrays):
+        self.kind, self.location, self.shape, self.size, self.arrays = kind, location, shape, size, arrays
+
+    def get_var_grid(self, name):
+        return 2
+
+    def get_var_location(self, name):
+        return self.location
+
+    def get_grid_type(self, grid):
+        return self.kind
+
+    def get_grid_rank(self, grid):
+        return len(self.shape)
+
+    def get_grid_size(self, grid):
+        return self.size
+
+    def get_grid_shape(self, grid, shape):
+        shape[:] = self.shape
+        return shape
+
+    def __getattr__(self, name):
+        def fill(grid, out):
+            out[:] = np.ravel(self.arrays[name.removeprefix("get_grid_")])
+            return out
+
+        return fill
+
+
+def test_cells_follow_from_what_bmi_tells_and_are_not_invented():
+    x, y = np.array([0.0, 1.0, 3.0]), np.array([5.0, 6.0])
+    X, Y = np.meshgrid(x, y)
+    uniform = {"spacing": (3.0, 2.0), "origin": (10.0, 1.0)}
+    cells = bmi_grid(Told("uniform_rectilinear", "node", (2, 4), **uniform), "u")
+    assert cells.bounds == (0.0, 8.0, 8.5, 14.5)
+    assert cells.shape == (2, 4)
+    cells = bmi_grid(Told("uniform_rectilinear", "face", (3, 5), **uniform), "u")
+    assert (cells.bounds, cells.shape) == ((1.0, 9.0, 10.0, 16.0), (2, 4))
+    cells = bmi_grid(Told("rectilinear", "face", (2, 3), x=x, y=y), "u")
+    np.testing.assert_array_equal(cells.area, [1.0, 2.0])
+    cells = bmi_grid(Told("rectilinear", "node", (2, 2), x=[0.0, 4.0], y=y), "u")
+    assert cells.bounds == (-2.0, 6.0, 4.5, 6.5)
+    cells = bmi_grid(Told("structured_quadrilateral", "face", (2, 3), x=X, y=Y), "u")
+    np.testing.assert_array_equal(cells.area, [1.0, 2.0])
+    unclear = [
+        Told("rectilinear", "node", (2, 3), x=x, y=y),
+        Told("structured_quadrilateral", "node", (2, 3), x=X, y=Y),
+        Told("unstructured", "node"),
+        Told("points", "node"),
+        Told("uniform_rectilinear", "edge", (2, 4), **uniform),
+        Told("uniform_rectilinear", "node", (2, 4, 3), spacing=(1, 1, 1), origin=(0, 0, 0)),
+    ]
+    for model in unclear:
+        with pytest.raises(InputError, match="BMI does not tell its cells"):
+            bmi_grid(model, "u")
+
+
+def test_weights_made_before_are_used_and_must_fit(ocean):
+    host, ice = ocean(), Ice(hexagons())
+    grid = bmi_grid(host, SURFACE[0])
+    made = Regrid(grid, ice.grid, source_area=grid.area * 2)  # a host that counts its areas otherwise
+    line = couple(host, ice, every=600.0, until=600.0, regrids={(0, 3): made})[0]
+    np.testing.assert_allclose(line.to_host, -line.from_host, rtol=1e-13)
+    np.testing.assert_allclose(line.host, 0.5 * line.to_host, rtol=1e-10)
+    with pytest.raises(InputError, match="weights for 59 cells"):
+        other = Regrid(Grid.uniform((0, 59), (0, 1), spacing=1.0), Grid.uniform((0, 9), (0, 1), spacing=1.0))
+        Coupling(host, ice, 600.0, regrids={(0, 3): other})
+
+
+# ---- faults -----------------------------------------------------------------------------------
+
+
+def failing(model, after, fault):
+    """A model whose `after`-th update_until does something else."""
+    calls = iter(range(1, 1000))
+
+    def update_until(t):
+        if next(calls) == after:
+            return fault(t)
+        return model.update_until(t)
+
+    return Altered(model, update_until=update_until)
+
+
+def test_each_fault_is_one_line_and_the_state_is_saved(ocean, tmp_path):
+    def die(t):
+        raise RuntimeError("segmentation fault in the ocean\nwith a long traceback")
+
+    def nan(model):
+        def fault(t):
+            model.update_until(t)
+            model.get_value_ptr(SURFACE[1])[7] = np.nan
+
+        return fault
+
+    cases = []
+    model = ocean()
+    cases.append((failing(model, 2, die), "exchange 2, 600 … 1200 s: segmentation fault in the ocean;"))
+    model = ocean()
+    cases.append((failing(model, 2, nan(model)), "exchange 3.*nan in cell 7 .1 such cells. at 1200 s"))
+    model = ocean()
+    cases.append((failing(model, 2, lambda t: None), "exchange 2.*stands at 600 s after an update to 1200"))
+    model = ocean()
+    cases.append(
+        (failing(model, 2, lambda t, m=model: m.__dict__.update(_time=0.0)), "went back|stands at 0 s")
+    )
+    model = ocean()
+    shrink = Grid.uniform((0, 19e3), (0, 12e3), shape=(6, 10))
+    cases.append(
+        (
+            failing(model, 1, lambda t, m=model: (m.update_until(t), m.__dict__.update(_grid=shrink))),
+            "exchange 2.*grid 0 of the host .* is not what it was",
+        )
+    )
+    for k, (host, text) in enumerate(cases):
+        rescue = tmp_path / f"state{k}.npz"
+        with pytest.raises(CouplingError, match=text) as caught:
+            couple(host, Ice(hexagons()), every=600.0, until=6000.0, rescue=rescue)
+        assert "\n" not in str(caught.value)
+        assert "their state saved in" in str(caught.value)
+        assert rescue.exists()
+
+
+def test_a_run_that_was_cut_off_goes_on_to_the_same_result(ocean, tmp_path):
+    """The host died while it took its step: it is one exchange behind, and gets the stress it missed."""
+
+    def die(t):
+        raise RuntimeError("node lost")
+
+    straight, ice = ocean(), Ice(hexagons())
+    couple(straight, ice, every=60.0, until=600.0)
+    model, rescue = ocean(), tmp_path / "state.npz"
+    with pytest.raises(CouplingError, match="exchange 4.*node lost; floes at 240 s"):
+        couple(failing(model, 4, die), Ice(hexagons()), every=60.0, until=600.0, rescue=rescue)
+    assert model.get_current_time() == 180.0
+    for name in STRESS:
+        model.set_value(name, np.zeros(60))  # the host's own restart knows nothing of the stress
+    restored = Ice(hexagons())
+    restored.load_state(rescue)
+    couple(model, restored, every=60.0, until=600.0)
+    for name in SURFACE:
+        np.testing.assert_allclose(
+            model.get_value_ptr(name), straight.get_value_ptr(name), rtol=1e-13, atol=1e-15
+        )
+    np.testing.assert_allclose(restored.velocity, ice.velocity, rtol=1e-12, atol=1e-15)
+
+
+def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(ocean):
+    host, ice = ocean(), Ice(hexagons())
+    cases = [
+        (lambda: couple(host, ice, every=0.0, until=1.0), "every = 0.0"),
+        (lambda: couple(host, ice, every=600.0, until=1000.0), "whole number of exchanges"),
+        (lambda: couple(host, ice, every=600.0, until=-600.0), "whole number of exchanges"),
+        (lambda: couple(host, ice, every=1.0, until=1.0, to_floes={"wind": "x"}), "not an input of the floes"),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, to_host={STRESS[0]: STRESS[0][:-1]}),
+            "not an output of the floes.*did you mean",
+        ),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, to_host={STRESS[0]: Link(STRESS[0], "sum")}),
+            "allowed: integral, mean",
+        ),
+        (
+            lambda: couple(
+                host, ice, every=1.0, until=1.0, to_host={STRESS[0]: Link(STRESS[0], weight=FRACTION)}
+            ),
+            "for means only",
+        ),
+        (
+            lambda: couple(
+                Altered(host, get_input_var_names=tuple), Altered(ice, get_input_var_names=tuple),
+                every=1.0, until=1.0,
+            ),
+            "no output of one model",
+        ),
+        (
+            lambda: couple(Altered(host, get_end_time=lambda: 500.0), ice, every=600.0, until=600.0),
+            "after the end of the host",
+        ),
+        (lambda: couple(host, ice, every=1.0, until=1.0, host_grids={0: hexagons()}), "60 values"),
+    ]  # fmt: skip
+    for call, text in cases:
+        with pytest.raises(InputError, match=text) as caught:
+            call()
+        assert "\n" not in str(caught.value)
+    assert ice.now == 0.0
+    assert host.get_current_time() == 0.0
+
+
+# ---- another process --------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def served(name, timeout=20.0):
+    """A BMI model in another process, through grpc4bmi."""
+    import grpc
+    from grpc4bmi.bmi_grpc_client import BmiClient
+
+    with socket.socket() as free:
+        free.bind(("", 0))
+        port = free.getsockname()[1]
+    root = Path(__file__).parents[1]
+    server = subprocess.Popen(
+        [sys.executable, "-m", "grpc4bmi.run_server", "--name", name, "--port", str(port), "--path", root]
+    )
+    channel = grpc.insecure_channel(f"localhost:{port}")
+    try:
+        yield BmiClient(channel, timeout=timeout), server
+    finally:
+        channel.close()
+        server.terminate()
+        server.wait(10)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("grpc4bmi") is None, reason="needs grpc4bmi")
+def test_a_host_in_another_process_gives_the_same_bits_and_may_die(ocean, tmp_path):
+    here, ice = ocean(), Ice(hexagons())
+    couple(here, ice, every=600.0, until=3000.0)
+    with served("coupling.slab.TwoSlabOcean") as (there, server):
+        there.initialize(str(tmp_path / "ocean.toml"))
+        remote_ice = Ice(hexagons())
+        ledger = couple(there, remote_ice, every=600.0, until=3000.0)
+        np.testing.assert_array_equal(remote_ice.velocity, ice.velocity)
+        for name in SURFACE:
+            values = there.get_value(name, np.empty(60))
+            np.testing.assert_array_equal(values, here.get_value_ptr(name))
+        assert ledger[-1].relative < 1e-12
+        server.kill()
+        server.wait(10)
+        time.sleep(0.1)
+        with pytest.raises(CouplingError, match="floes at 3000 s") as caught:
+            Coupling.exchange(_resumed(there, remote_ice), 3600.0)
+        assert "\n" not in str(caught.value)
+
+
+def _resumed(host, ice):
+    """A coupling whose host has died since it was made."""
+    alive = Coupling.__new__(Coupling)
+    alive.every, alive.rescue, alive.offset, alive.ledger = 600.0, None, 0.0, []
+    from coupling.driver import _Side
+
+    alive.floes = _Side("floes", ice, {}, {})
+    alive.host = _Side.__new__(_Side)
+    alive.host.name, alive.host.model, alive.host._second = "host", host, 1.0
+    return alive
