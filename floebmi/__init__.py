@@ -35,7 +35,7 @@ _HOME = {
     "BodyForce": "forces",
     "Step": "dynamics",
     "Model": "model",
-    "run": "run",
+    "run": "running",
     "read_scene": "scene",
     "FloeBmi": "bmi",
     "InputError": "errors",

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from floebmi.contact import lever_arm, pair_force, stiffness
+from floebmi.contact import lever_arm, pair_force
 from floebmi.forces import book, book_spin, total_acceleration, total_spin_up
 from floebmi.kernels import dispatched, jit
 from floebmi.quantities import Positive, PositiveFraction

@@ -139,18 +139,15 @@ def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
     steps = schedule.duration / step
     speed = _speed(model)
     active = int(np.count_nonzero(floes.active))
-    rows += [
-        (
-            "duration",
-            f"{duration_text(schedule.duration)}, exchange every {duration_text(schedule.exchange)}, "
-            f"a frame every {duration_text(schedule.every)}",
-        ),
-        (
-            "cost",
-            f"{steps:.3g} steps of {active} floes: about {duration_text(steps * active / speed)} at "
-            f"{speed / 1e6:.0f} million floe-steps/s, and some 20 s once to compile",
-        ),
-    ]  # fmt: skip
+    intervals = (
+        f"{duration_text(schedule.duration)}, exchange every {duration_text(schedule.exchange)}, "
+        f"a frame every {duration_text(schedule.every)}"
+    )
+    cost = (
+        f"{steps:.3g} steps of {active} floes: about {duration_text(steps * active / speed)} at "
+        f"{speed / 1e6:.0f} million floe-steps/s, and some 20 s once to compile"
+    )
+    rows += [("duration", intervals), ("cost", cost)]
     return rows
 
 

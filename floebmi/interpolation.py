@@ -53,9 +53,14 @@ def on_axis(axis: np.ndarray, x: np.ndarray, low: float, high: float) -> np.ndar
 
 
 def half_cell_ends(axis: np.ndarray) -> tuple[float, float]:
-    """Where the outermost cells of a monotonic axis of centres end: half a spacing beyond them."""
-    first, last = axis[0] - (axis[1] - axis[0]) / 2, axis[-1] + (axis[-1] - axis[-2]) / 2
-    return min(first, last), max(first, last)
+    """Where the outermost cells of a monotonic axis of centres end: half a spacing beyond them.
+
+    A millionth of the spacing is added: places at the very end have been through a projection.
+    """
+    half = 0.5 + 1e-6
+    first = axis[0] - half * (axis[1] - axis[0])
+    last = axis[-1] + half * (axis[-1] - axis[-2])
+    return float(min(first, last)), float(max(first, last))
 
 
 def corners(row: np.ndarray, column: np.ndarray, shape: tuple[int, int]) -> Corners:

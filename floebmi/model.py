@@ -26,7 +26,7 @@ from floebmi.budgets import Ledger
 from floebmi.contact import Contact, prepare
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose
-from floebmi.floes import LAND, Floes
+from floebmi.floes import Floes
 from floebmi.forces import (
     AirDrag,
     AtFloes,

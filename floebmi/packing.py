@@ -30,6 +30,8 @@ from floebmi.sizes import Sizes, check_sizes
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
 OVERSHOOT = 1.5  # push beyond the point of touching: fewer sweeps, as in successive over-relaxation
 SKIN = 0.6  # of the pair list, in median radii
+NARROW = 1.05  # floes whose radii differ by less than this factor are shaken, not swapped
+SHAKE = 0.7  # in mean overlaps
 SWEEPS = 6000  # after which a packing is given up
 CLASS = 4.0  # floes within this ratio of radii are laid together
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
@@ -128,7 +130,7 @@ def scatter(
     _check_fit(radius, domain)
     ground = _ground(domain, barrier, len(radius))
     ground.ice[ground.group >= 0] = 1.0
-    ground.ice *= filled * room / max(ground.ice.sum(), 1.0)
+    ground.ice[:] *= filled * room / max(ground.ice.sum(), 1.0)
     x, y, _ = _pack(radius, ground, barrier, domain, rng)
     left = _unplaced(x, y, radius, barrier, domain)
     if left.any():
@@ -887,9 +889,9 @@ def _press(
     are swapped among the floes, or floes of a single size shaken.
     """
     n = len(x)
-    pressed = radius * (1 + SPARE)
-    skin = SKIN * float(np.median(pressed))
-    all_x, all_y, all_r = (np.concatenate(pair) for pair in zip((x, y, pressed), discs.T, strict=True))
+    all_x, all_y, size = (np.concatenate(pair) for pair in zip((x, y, radius), discs.T, strict=True))
+    pressed = size.copy()
+    pressed[:n] *= 1 + SPARE
     mobile = np.concatenate([free.astype(float), np.zeros(len(discs))])
     box = np.array(
         [
@@ -903,40 +905,206 @@ def _press(
         ]
     )
     lengths = np.array([np.inf if length is None else length for length in domain.period])
-    narrow = pressed.max() < 1.05 * pressed.min()
+    skin = SKIN * float(np.median(pressed[:n]))
+    narrow = size[:n].max() < NARROW * size[:n].min()
     every = 5 if narrow else 3
-    order = np.argsort(pressed, kind="stable")
+    order = np.argsort(size[:n], kind="stable")
     squeezed = np.empty(len(all_x))
-    done, moved, grown, worst = 0, np.inf, 0.0, np.inf
+    done, moved, grown = 0, np.inf, 0.0
     while done < sweeps:
         if moved + grown >= skin / 2:
-            _wrap(all_x[:n], domain.x, domain.period[0])
-            _wrap(all_y[:n], domain.y, domain.period[1])
-            _, i, j = find_pairs(all_x, all_y, all_r + skin / 2, domain.period)
+            _wrap(all_x[:n], all_y[:n], domain)
+            _, i, j = find_pairs(all_x, all_y, pressed + skin / 2, domain.period)
             i, j = _some_free(i, j, mobile > 0)
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
         steps, worst, moved = _push(
-            all_x, all_y, all_r, mobile, i, j, lengths, box, start_x, start_y,
-            skin / 2 - grown, every - done % every,
+            all_x, all_y, pressed, mobile, i, j, lengths, box, n, start_x, start_y,
+            skin / 2 - grown, SPARE, every - done % every,
         )  # fmt: skip
         done += steps
         if worst < SPARE and moved + grown < skin / 2:
-            _squeeze(all_x, all_y, all_r, i, j, lengths, squeezed)
-            if _worst(all_x, all_y, all_r, n, i, j, lengths) <= 0.0:
+            if _worst(all_x, all_y, size, n, i, j, lengths) <= 0.0:
                 break
         if rng is not None and done % every == 0:
-            _squeeze(all_x, all_y, all_r, i, j, lengths, squeezed)
+            _squeeze(all_x, all_y, pressed, i, j, lengths, squeezed)
             if narrow:
                 shake = SHAKE * float(squeezed[:n].mean())
                 all_x[:n] += rng.normal(0.0, shake, n)
                 all_y[:n] += rng.normal(0.0, shake, n)
-            elif n > 1:
-                grown += _swap(all_r, squeezed, order, rng)
-    x[:], y[:], radius[:] = all_x[:n], all_y[:n], all_r[:n] / (1 + SPARE)
-    _wrap(x, domain.x, domain.period[0])
-    _wrap(y, domain.y, domain.period[1])
-    all_x[:n], all_y[:n] = x, y
-    all_r[:n] = radius
-    _, i, j = find_pairs(all_x, all_y, all_r, domain.period)
+            else:
+                grown += _swap(size, pressed, squeezed, order, rng)
+    _wrap(all_x[:n], all_y[:n], domain)
+    x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
+    _, i, j = find_pairs(all_x, all_y, size, domain.period)
     i, j = _some_free(i, j, mobile > 0)
-    return _worst(all_x, all_y, all_r, len(all_x), i, j, lengths)
+    return _worst(all_x, all_y, size, n, i, j, lengths)
+
+
+def _swap(
+    size: np.ndarray,
+    pressed: np.ndarray,
+    squeezed: np.ndarray,
+    order: np.ndarray,
+    rng: np.random.Generator,
+) -> float:
+    """Swap radii where the larger of two floes is squeezed more than the difference; largest growth [m].
+
+    `order` sorts the floes by radius, and is kept so.  To first order, giving the smaller radius to the floe with
+    the larger sum of overlaps lowers Σ overlap² / 2.
+    """
+    n = len(order)
+    if n < 2:
+        return 0.0
+    apart = int(np.exp(rng.uniform(0.0, np.log(max(n // 8, 1)))))
+    first = int(rng.integers(0, 2 * apart))
+    blocks = (n - first) // (2 * apart)
+    rank = (first + np.arange(blocks * 2 * apart)).reshape(blocks, 2, apart)
+    low, high = rank[:, 0].ravel(), rank[:, 1].ravel()
+    small, large = order[low], order[high]
+    swap = squeezed[large] - squeezed[small] > pressed[large] - pressed[small]
+    small, large, low, high = small[swap], large[swap], low[swap], high[swap]
+    growth = float((pressed[large] - pressed[small]).max(initial=0.0))
+    for values in (size, pressed):
+        values[small], values[large] = values[large], values[small]
+    order[low], order[high] = large, small
+    return growth
+
+
+def _unplaced(
+    x: np.ndarray, y: np.ndarray, radius: np.ndarray, barrier: _Barrier, domain: Domain
+) -> np.ndarray:
+    """Floes to take away so that none overlap and none lie on land; of a pair the smaller, the worst first."""
+    n = len(x)
+    if n == 0:
+        return np.zeros(0, bool)
+    left = barrier.holds(x, y)
+    all_x, all_y, size = (
+        np.concatenate(pair) for pair in zip((x, y, radius), barrier.discs.T, strict=True)
+    )
+    for centre, (low, high), length in zip((x, y), (domain.x, domain.y), domain.period, strict=True):
+        if length is None:
+            left |= (centre - radius < low) | (centre + radius > high)
+    _, i, j = find_pairs(all_x, all_y, size, domain.period)
+    i, j = _some_free(i, j, np.arange(len(size)) < n)
+    overlap = size[i] + size[j] - _distance(all_x, all_y, i, j, domain)
+    for k in np.argsort(-overlap, kind="stable"):
+        if overlap[k] <= 0:
+            break
+        a, b = (i[k], j[k]) if size[i[k]] < size[j[k]] else (j[k], i[k])
+        smaller, larger = (a, b) if a < n else (b, a)
+        if not left[smaller] and (larger >= n or not left[larger]):
+            left[smaller] = True
+    return left
+
+
+def _some_free(i: np.ndarray, j: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of which at least one can move."""
+    if free.all():
+        return i, j
+    keep = free[i] | free[j]
+    return i[keep], j[keep]
+
+
+def _distance(
+    x: np.ndarray, y: np.ndarray, i: np.ndarray, j: np.ndarray, domain: Domain
+) -> np.ndarray:
+    dx, dy = x[j] - x[i], y[j] - y[i]
+    length_x, length_y = domain.period
+    if length_x is not None:
+        dx -= length_x * np.rint(dx / length_x)
+    if length_y is not None:
+        dy -= length_y * np.rint(dy / length_y)
+    return np.hypot(dx, dy)
+
+
+def _wrap(x: np.ndarray, y: np.ndarray, domain: Domain) -> None:
+    """Bring centres back into the domain, in place, along its periods."""
+    for centre, (low, high), length in zip((x, y), (domain.x, domain.y), domain.period, strict=True):
+        if length is not None:
+            out = np.flatnonzero((centre < low) | (centre >= high))
+            centre[out] = low + np.mod(centre[out] - low, length)
+            centre[out[centre[out] >= high]] = low
+
+
+@jit
+def _push(
+    x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, enough, sweeps
+):  # fmt: skip
+    """Sweep over the pairs until overlaps are below `enough` or a floe has moved by `slack`.
+
+    Returns sweeps done, largest overlap met in the last one over the smaller radius, largest distance moved.
+    """
+    west, east, south, north = box
+    length_x, length_y = lengths
+    worst = far = 0.0
+    for sweep in range(sweeps):
+        worst = 0.0
+        for q in range(i.size):
+            p = i.size - 1 - q if sweep % 2 else q
+            a, b = i[p], j[p]
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            if length_x < np.inf:
+                dx -= length_x * np.rint(dx / length_x)
+            if length_y < np.inf:
+                dy -= length_y * np.rint(dy / length_y)
+            touch = r[a] + r[b]
+            square = dx * dx + dy * dy
+            if square < touch * touch:
+                distance = np.sqrt(square)
+                overlap = touch - distance
+                worst = max(worst, overlap / _smaller(r, n, a, b))
+                if distance == 0.0:
+                    dx, distance = 1.0, 1.0
+                share = OVERSHOOT * overlap / (distance * (mobile[a] + mobile[b]))
+                x[a] -= share * mobile[a] * dx
+                y[a] -= share * mobile[a] * dy
+                x[b] += share * mobile[b] * dx
+                y[b] += share * mobile[b] * dy
+        far = 0.0
+        for k in range(n):
+            if mobile[k] > 0.0:
+                x[k] = max(min(x[k], east - r[k]), west + r[k])
+                y[k] = max(min(y[k], north - r[k]), south + r[k])
+                far = max(far, (x[k] - start_x[k]) ** 2 + (y[k] - start_y[k]) ** 2)
+        if worst < enough or far > slack * slack:
+            return sweep + 1, worst, np.sqrt(far)
+    return sweeps, worst, np.sqrt(far)
+
+
+@jit
+def _smaller(r, n, a, b):
+    """The smaller radius of a pair; that of the floe, if the other is a fixed disc."""
+    if a >= n:
+        return r[b]
+    return r[a] if b >= n else min(r[a], r[b])
+
+
+@jit
+def _overlap(x, y, r, a, b, lengths):
+    dx, dy = x[b] - x[a], y[b] - y[a]
+    if lengths[0] < np.inf:
+        dx -= lengths[0] * np.rint(dx / lengths[0])
+    if lengths[1] < np.inf:
+        dy -= lengths[1] * np.rint(dy / lengths[1])
+    return r[a] + r[b] - np.sqrt(dx * dx + dy * dy)
+
+
+@jit
+def _worst(x, y, r, n, i, j, lengths):
+    """Largest overlap over the smaller radius; 0 if nothing overlaps."""
+    worst = 0.0
+    for p in range(i.size):
+        overlap = _overlap(x, y, r, i[p], j[p], lengths)
+        worst = max(worst, overlap / _smaller(r, n, i[p], j[p]))
+    return worst
+
+
+@jit
+def _squeeze(x, y, r, i, j, lengths, total):
+    """Sum of the overlaps of each floe [m]."""
+    total[:] = 0.0
+    for p in range(i.size):
+        overlap = _overlap(x, y, r, i[p], j[p], lengths)
+        if overlap > 0.0:
+            total[i[p]] += overlap
+            total[j[p]] += overlap

@@ -251,7 +251,7 @@ def test_the_stress_of_the_last_step_loses_momentum(ocean):
     ledger = couple(ocean, ice, every=1800.0, until=4 * 1800.0, to_host=wrong)
     exchanged = ledger[-1].turnover
     assert abs(momentum_of(ocean, ice, 0) - before) > 0.3 * ice.values[ICE_MOMENTUM[0]][0]
-    assert ledger[-1].relative > 0.1  # and the ledger shows it
+    assert ledger[-1].relative > 0.02  # and the ledger shows it
     assert exchanged > 0
 
 
@@ -302,7 +302,7 @@ def test_stress_over_land_cells_only_is_reported_as_undelivered(ocean):
     ice.velocity[0, :100] = 1.0  # ice slides over the land, where the water stands still
     line = coupling.exchange(1200.0)
     assert line.undelivered[0] > 0
-    assert line.relative < 1e-12
+    assert np.abs(line.exchange_residual).max() < 1e-12 * line.turnover
 
 
 # ---- what belongs together --------------------------------------------------------------------
@@ -357,7 +357,7 @@ def test_convertible_units_are_converted_and_others_are_refused(ocean):
     couple(plain, ice, every=600.0, until=1800.0)
 
     def units(name):
-        return {SURFACE[0]: "km h-1", STRESS[0]: "dyn cm-2"}.get(name) or model.get_var_units(name)
+        return {SURFACE[0]: "km h-1", STRESS[0]: "dyne cm-2"}.get(name) or model.get_var_units(name)
 
     def get_value(name, dest):
         dest[:] = model.get_value_ptr(name) * (3.6 if name == SURFACE[0] else 1.0)
@@ -422,10 +422,10 @@ def test_a_host_that_can_only_step_is_stepped_and_must_land_on_the_exchange(ocea
     model = ocean()
     couple(Altered(model, update_until=refuse), Ice(hexagons()), every=600.0, until=1200.0)
     assert model.get_current_time() == 1200.0
+    ice = Ice(hexagons())
+    jumping = Altered(ice, update_until=lambda t: setattr(ice, "now", t))
     with pytest.raises(CouplingError, match="stands at 900 s after an update to 700 s .its own step is 300"):
-        couple(Altered(ocean(), update_until=refuse), Altered(
-            Ice(hexagons()), update_until=lambda t: None, get_current_time=iter([0.0] * 4 + [700.0] * 9).__next__
-        ), every=700.0, until=700.0)  # fmt: skip
+        couple(Altered(ocean(), update_until=refuse), jumping, every=700.0, until=700.0)
 
 
 # ---- cells ------------------------------------------------------------------------------------
@@ -599,7 +599,7 @@ def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(oce
         ),
         (
             lambda: couple(
-                host, ice, every=1.0, until=1.0, to_host={STRESS[0]: Link(STRESS[0], weight=FRACTION)}
+                host, ice, every=1.0, until=1.0, to_host={STRESS[0]: Link(STRESS[0], "integral", FRACTION)}
             ),
             "for means only",
         ),

@@ -1,0 +1,185 @@
+"""Velocities of staggered (C) grids, brought to cell centres.
+
+The components stand on the faces of the cells.  Models number them differently:
+
+    "after"   ROMS, NEMO   u[i] on the face after centre i:   its faces are u[i-1], u[i]
+    "before"  MITgcm       u[i] on the face before centre i:  its faces are u[i], u[i+1]
+
+A centre gets the mean of its two faces.  A closed face beside water has no flow through it and counts as 0,
+as in the models themselves; a face beyond the end of the file is not known, and the other stands alone.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from floebmi.errors import InputError
+from floebmi.fields import Box, Field, File, role
+from floebmi.places import Net, Place, place_of
+
+Stagger = Literal["auto", "none", "before", "after"]
+Offsets = tuple[int, ...]  # the faces of centre c are c + offset
+_OFFSETS: dict[str, Offsets] = {"before": (0, 1), "after": (-1, 0), "none": (0,)}
+_CENTRE_NAMES = r"rho|grid_t|_t$|glamt|xc|tlon|geolon$"
+_SAMPLE = 40
+
+
+def is_staggered(u: Field, v: Field) -> bool:
+    """True if the two components stand at different points."""
+    if u.dims != v.dims:
+        return True
+    if u.file is v.file:
+        return _coordinates(u) != _coordinates(v)
+    for name, variable in u.file.data.variables.items():
+        if role(str(name), variable) == "lon" and name in v.file.data.variables:
+            other = v.file.data[name]
+            return variable.shape != other.shape or not np.array_equal(
+                variable.values, other.values, equal_nan=True
+            )
+    return False
+
+
+def _coordinates(field: Field) -> set[str]:
+    named = field.array.encoding.get("coordinates", field.array.attrs.get("coordinates", ""))
+    data = field.file.data
+    return {n for n in str(named).split() if n in data and role(n, data[n]) in ("lon", "lat")}
+
+
+def centres(
+    files: list[File],
+    u: Field,
+    v: Field,
+    projection: str | None,
+    position: str,
+    file_projection: str | None,
+) -> tuple[File, tuple[str, str], Place]:
+    """Where the centres of a staggered grid are: file, dimensions (rows, columns), place.
+
+    They are the rows of u with the columns of v if these have coordinates, else a longitude and latitude of
+    their own in any of the files, else the middles between u points.
+    """
+    where = f"{u.label}, {v.name}"
+    options = (projection, position, file_projection)
+    tries = [(u.file, u.array, (u.rows, v.columns))]
+    others = [
+        (f, f.data[name], tuple(str(d) for d in variable.dims[-2:]))
+        for f in files
+        for name, variable in f.data.variables.items()
+        if role(str(name), variable) == "lon" and variable.ndim >= 2
+    ]
+    taken = [(u.file, u.dims), (v.file, v.dims)]
+    others = [
+        o
+        for o in others
+        if not any(o[0] is f and set(o[2]) == set(d) for f, d in taken)
+        and abs(o[0].data.sizes[o[2][0]] - u.shape[0]) <= 1
+        and abs(o[0].data.sizes[o[2][1]] - u.shape[1]) <= 1
+        and not re.search(r"psi|_f$|_[uv]$|grid_[uvf]|[_xy]g$", str(o[1].name).lower())
+    ]
+    others.sort(key=lambda o: not re.search(_CENTRE_NAMES, str(o[1].name).lower()))
+    problem = None
+    for file, array, dims in tries + others:
+        if (file, dims) in taken and u.file is not v.file:
+            continue
+        try:
+            return file, dims, place_of(file, array, dims, *options)
+        except InputError as error:
+            problem = problem or error
+            if "projection" in str(error):
+                raise
+    try:
+        faces = place_of(u.file, u.array, u.dims, *options)
+    except InputError:
+        faces = None
+    if not isinstance(faces, Net):
+        raise InputError(f"{where}: a staggered grid, but not where its centres are: {problem}")
+    x, y = (_middles(a) for a in (faces.x, faces.y))
+    text = f"{faces.text}, centres between u points"
+    return u.file, u.dims, Net(where, x, y, faces.plane, text)
+
+
+def _middles(u_points: np.ndarray) -> np.ndarray:
+    """Centres from u points that come after them."""
+    middle = (u_points[:, 1:] + u_points[:, :-1]) / 2
+    return np.hstack([1.5 * u_points[:, :1] - 0.5 * u_points[:, 1:2], middle])
+
+
+def offsets(field: Field, place: Place, stagger: Stagger, axis: int, derived: bool) -> Offsets:
+    """Which faces of a component lie beside a centre, along the component's axis (0 rows, 1 columns).
+
+    Told by sizes, else by the places of the points, else by the names of the dimensions.
+
+    Raises
+    ------
+    InputError
+        if none of these tells, or sizes do not fit.
+    """
+    faces, centre = field.shape[axis], place.shape[axis]
+    across = field.shape[1 - axis], place.shape[1 - axis]
+    if across[0] != across[1] or abs(faces - centre) > 1:
+        raise InputError(
+            f"{field.label}: {field.shape[0]} × {field.shape[1]} points do not fit"
+            f" {place.shape[0]} × {place.shape[1]} cell centres"
+        )
+    if stagger != "auto":
+        return _OFFSETS[stagger]
+    if faces != centre:
+        return _OFFSETS["after" if faces < centre else "before"]
+    shift = None if derived else _shift(field, place, axis)
+    if shift is not None:
+        return _OFFSETS["none" if abs(shift) < 0.25 else "before" if shift < 0 else "after"]
+    dim = field.dims[axis].lower()
+    if derived or re.search(r"^(xi|eta)_[uv]$|grid_[uv]$", dim):  # ROMS, NEMO
+        return _OFFSETS["after"]
+    if re.search(r"^[xy](g|_g|u|v|_u|_v)$", dim):  # MITgcm
+        return _OFFSETS["before"]
+    raise InputError(
+        f"{field.label}: a staggered grid, but not on which side of the centres its points are; say"
+        " stagger = 'before' (MITgcm), 'after' (ROMS, NEMO) or 'none'"
+    )
+
+
+def _shift(field: Field, place: Place, axis: int) -> float | None:
+    """How far the points lie from the centres of the same index, in cells; None if not known."""
+    try:
+        own = place_of(field.file, field.array, field.dims, place.plane)
+    except InputError:
+        return None
+    row, column = (np.unique(np.linspace(0, n - 1, _SAMPLE).astype(int)) for n in own.shape)
+    whole = Box(slice(0, own.shape[0]), slice(0, own.shape[1]))
+    x, y = (a[np.ix_(row, column)].ravel() for a in own.xy(whole))
+    around = place.corners(x, y)
+    index = np.sum((around.row, around.column)[axis] * around.weight, axis=1)
+    at = np.meshgrid(row, column, indexing="ij")[axis].ravel()
+    shift = (index - at)[np.isfinite(index)]
+    return float(np.median(shift)) if shift.size else None
+
+
+def mean_of_faces(
+    n_faces: int, centre: slice, beside: Offsets, periodic: bool
+) -> tuple[sparse.csr_matrix, slice]:
+    """The matrix (centres × faces) along one axis, and the faces that it needs.
+
+    With `beside` = (0,) it is the identity: points that are at the centres already.
+    """
+    face = np.arange(centre.start, centre.stop)[:, None] + np.array(beside)
+    if periodic:
+        face = face % n_faces
+    there = (face >= 0) & (face < n_faces)
+    weight = there / np.maximum(there.sum(axis=1, keepdims=True), 1)
+    row, k = np.nonzero(there)
+    used = slice(int(face[there].min()), int(face[there].max()) + 1)
+    matrix = sparse.csr_matrix(
+        (weight[row, k], (row, face[row, k] - used.start)),
+        shape=(len(face), used.stop - used.start),
+    )
+    return matrix, used
+
+
+def open_faces(mean: sparse.csr_matrix, water: np.ndarray) -> np.ndarray:
+    """A face is open if every centre beside it is water: bool (faces,) from `water` (centres,)."""
+    return ((mean != 0).T @ (~water.ravel()).astype(float)) == 0

@@ -1,0 +1,98 @@
+"""Which points of a source are water: its land-sea mask, if it has one.
+
+In ocean models 1 is water (`mask_rho`, `tmask`, `wet`); in the atmosphere 1 is land (`lsm`).  A file that
+says which is which (flag_meanings, standard_name) is believed before the name.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.errors import InputError, choose
+from floebmi.fields import Box, File
+
+_STANDARD = {
+    "sea_binary_mask": 1.0, "sea_area_fraction": 1.0,
+    "land_binary_mask": 0.0, "land_area_fraction": 0.0,
+}  # fmt: skip
+_WATER = {"mask", "mask_rho", "mask_u", "mask_v", "tmask", "umask", "vmask", "tmaskutil", "wet", "wet_c",
+          "maskc", "maskw", "masks", "hfacc", "sea_mask", "ocean_mask"}  # fmt: skip
+_LAND = {"lsm", "land_mask", "landmask", "land_binary_mask", "sftlf", "land_fraction"}
+_LAND_WORD, _WATER_WORD = r"\bland\b", r"\b(sea|water|ocean)\b"
+
+
+class Mask(NamedTuple):
+    """A land-sea mask along the dimensions (rows, columns) of a file."""
+
+    file: File
+    name: str
+    dims: tuple[str, ...]
+    water: float  # its value where there is water
+
+    def read(self, box: Box) -> np.ndarray:
+        """True where there is water, in a box; no value is land."""
+        return self.water_fraction(box) > 0.5
+
+    def water_fraction(self, box: Box) -> np.ndarray:
+        """1 where there is water, 0 on land, between for fractions, NaN for no value."""
+        array = self.file.data[self.name]
+        index: dict[str, object] = {d: 0 for d in array.dims if d not in self.dims}
+        if self.dims:
+            index |= dict(zip(self.dims, box, strict=True))
+        values = np.asarray(array.isel(index).transpose(*self.dims).values, float)
+        values = values.reshape(box.shape)
+        return values if self.water == 1 else 1 - values
+
+
+def find_mask(file: File, dims: tuple[str, ...], names: tuple[str, ...] | None = None) -> Mask | None:
+    """The mask along `dims` (rows, columns), the first of `names` that fits, or None.
+
+    Without names, masks are known by standard_name, then by well-known names; those of other points of a
+    staggered grid have other dimensions.
+    """
+    fitting = [
+        str(name)
+        for name, a in file.data.variables.items()
+        if {d for d in a.dims if a.sizes[d] > 1} <= set(dims) <= set(a.dims)
+        or (set(dims) <= set(a.dims) and str(name).lower() in _WATER | _LAND)
+    ]
+    if names is not None:
+        found = next((n for n in names if n in fitting), None)
+    else:
+        found = next(
+            (n for n in fitting if file.data[n].attrs.get("standard_name") in _STANDARD), None
+        ) or next((n for n in fitting if n.lower() in _WATER | _LAND), None)
+    return None if found is None else Mask(file, found, dims, _water_value(file, found))
+
+
+def named_mask(file: File, dims: tuple[str, ...], name: str) -> Mask:
+    """The mask that the user named; raises `InputError` if it is not along `dims`."""
+    mask = find_mask(file, dims, (name,))
+    if mask is None:
+        fitting = [str(n) for n, a in file.data.data_vars.items() if set(a.dims) == set(dims)]
+        raise InputError(
+            f"{file.label}: mask = {name!r}: no such variable along {', '.join(dims)};"
+            f" {choose(name, fitting)}"
+        )
+    return mask
+
+
+def _water_value(file: File, name: str) -> float:
+    attrs = file.data[name].attrs
+    meanings = str(attrs.get("flag_meanings", "")).lower().split()
+    flags = np.atleast_1d(attrs.get("flag_values", [])).tolist()
+    flagged = dict(zip(flags, meanings, strict=False))
+    flagged |= {float(k): str(attrs[f"option_{k}"]).lower() for k in (0, 1) if f"option_{k}" in attrs}
+    for value, other in ((1.0, 0.0), (0.0, 1.0)):
+        if re.search(_WATER_WORD, flagged.get(value, "")) or re.search(
+            _LAND_WORD, flagged.get(other, "")
+        ):
+            return value
+    if attrs.get("standard_name") in _STANDARD:
+        return _STANDARD[attrs["standard_name"]]
+    if name.lower() in _LAND:
+        return 0.0
+    return 1.0
