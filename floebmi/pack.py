@@ -360,9 +360,14 @@ class Contacts(NamedTuple):
     energy: np.ndarray
 
 
-@dispatched
+@jit
 def look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
     """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
+    return _look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded)
+
+
+@dispatched
+def _look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
     rows = np.empty((pair_i.size, 10))
     for p in range(pair_i.size):
         one, other = place[pair_i[p]], place[pair_j[p]]
@@ -387,7 +392,7 @@ def look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
     return rows
 
 
-@look.register
+@_look.register
 def _(law: None, period_x, period_y, place, pair_i, pair_j, slip, bonded):
     return np.empty((0, 10))
 

@@ -561,7 +561,7 @@ def _draw_graticule(axes: "Axes", view: _View) -> None:
         lines = draw(x, y, values, levels, colors=INK, linewidths=0.4, alpha=0.45, zorder=2.5)
 
         def text(value: float, signs: str = signs) -> str:
-            return f"{abs(value):.4g}°{signs[value < 0] if value else ''}"
+            return f"{abs(value):.4g}°{signs[int(value < 0)] if value else ''}"
 
         axes.clabel(lines, fmt=text, fontsize=6.5)
 
@@ -623,7 +623,7 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
 
 
 def _draw_scale_bar(axes: "Axes", view: _View) -> None:
-    west, east, south, north = view.box
+    west, east, south, _ = view.box
     length = _round_down(0.22 * (east - west))
     inch = (east - west) / (axes.get_position().width * axes.figure.get_figwidth())
     x, y = west + 0.16 * inch, south + 0.16 * inch
@@ -656,7 +656,7 @@ def _draw_wind(axes: "Axes", view: _View, k: int) -> list[Any]:
     speed = np.hypot(u, v)
     if speed < 0.05:
         return []
-    west, east, south, north = view.box
+    west, east, _, north = view.box
     inch = (east - west) / (axes.get_position().width * axes.figure.get_figwidth())
     x, y = west + 0.36 * inch, north - 0.36 * inch
     box = axes.add_patch(_panel(west + 0.08 * inch, north - 0.64 * inch, 1.35 * inch, 0.56 * inch))
