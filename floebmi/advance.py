@@ -4,6 +4,7 @@ What happens here is a function of the state alone: floes, what contacts remembe
 stops and restarts at an exchange goes on with the same bits.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +15,7 @@ from floebmi.contact import Contact, prepare
 from floebmi.dynamics import BLOCK, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import AtFloes, Force, at_floes, extend, fastest_rate, in_order, speed_bound
+from floebmi.forces import BOOKED, Force, at_floes, extend, fastest_rate, speed_bound
 from floebmi.pack import (
     PairList,
     list_pairs,
@@ -68,7 +69,7 @@ class Advance:
         domain: Domain,
         contact: Contact | None,
         forces: tuple[Force, ...],
-        at: tuple[AtFloes, ...],
+        at: Sequence[np.ndarray],
         step: Step,
         density: float,
         draft_fraction: float,
@@ -99,7 +100,7 @@ class Advance:
         state = self.state
         self.packed = pack(self.floes, self.contact, self.density, state.previous)
         number = self.packed.number
-        self.here = tuple(in_order(at, number) for at in self.at)
+        self.here = tuple(at[number] for at in self.at)
         radius = self.packed.place.r
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         decades = np.log2(largest / smallest) if largest else 0.0
@@ -143,8 +144,8 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous)
         for at, here in zip(self.at, self.here, strict=True):
-            for whole, part in zip(at.booked, here.booked, strict=True):
-                whole[self.packed.number] = part
+            for name in BOOKED:
+                at[name][self.packed.number] = here[name]
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""

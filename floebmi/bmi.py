@@ -5,9 +5,18 @@ Inputs are the model's own arrays (`model.ocean.u` …), outputs are written in 
 pointer that a host took stays right.  Names, units and signs come from `variables`; `SCALARS` adds the
 books of the whole, one number each.
 
+The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
+
+    [bmi]
+    scene = "labrador-sea"            # a packaged name, or a path relative to this file
+    set = ["time.exchange=3600"]      # changes of the scene, as `floebmi run --set`
+    cells = "faces"                   # default "nodes"
+    floe_capacity = 2000              # room for single floes; default 0, no floe-level variables
+    restart = "state.nc"              # what `save_state` wrote; default: start at 0 s
+
 Cells.  The nodes of a structured grid are the *centres* of cells, order (y, x).  Where a structured BMI
-grid cannot say what the cells are (curvilinear and unstructured exchange grids, or `cells = "faces"` in
-the scene's table [bmi]), the grid is "unstructured", one face per cell, corners counter-clockwise, numbers
+grid cannot say what the cells are (curvilinear and unstructured exchange grids, or `cells = "faces"`),
+the grid is "unstructured", one face per cell, corners counter-clockwise, numbers
 from 0.  The atmosphere has a grid of its own if the scene gives it one.
 
 Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize` and at the
@@ -25,13 +34,15 @@ import sys
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, final
 
 import numpy as np
 from bmipy import Bmi
+from pydantic import Field
 
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
+from floebmi.tables import Table, parse, read_text, validate
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -40,12 +51,59 @@ if TYPE_CHECKING:
     from floebmi.floes import Floes
     from floebmi.forcing import Source
     from floebmi.model import Fluid, Model
+    from floebmi.scene import Scene
 
 CELLS, WHOLE, AIR, FLOES = 0, 1, 2, 3  # BMI grids: exchange cells, one number, the air's cells, floes
 SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
 
 _TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take
 _FLOE_ROWS = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
+
+
+# ---- the configuration file -------------------------------------------------------------------
+
+
+class BmiTable(Table):
+    """How a host sees a scene."""
+
+    scene: str = Field(description="name of a packaged scene, or a path relative to this file")
+    set: list[str] = Field([], description="changes of the scene: ['table.key=value']")
+    cells: Literal["nodes", "faces"] = Field(
+        "nodes", description="cells of a rectilinear grid: nodes of it, or faces of an unstructured one"
+    )
+    floe_capacity: Annotated[int, Field(ge=0)] = Field(
+        0, description="room for single floes, fixed for the run; 0: no floe-level variables"
+    )
+    restart: str | None = Field(None, description="file that save_state wrote, relative to this file")
+
+
+class BmiFile(Table):
+    """A configuration file that is not a scene itself."""
+
+    bmi: BmiTable
+
+
+def read_config(config_file: str) -> "tuple[Scene, BmiTable]":
+    """The scene of a configuration file, and how a host sees it.
+
+    Raises
+    ------
+    InputError
+        one line with file, table, key and value.
+    """
+    from floebmi.scene import find_scene, read_scene
+
+    path = find_scene(config_file)
+    text = read_text(path) if path.suffix in (".toml", ".yaml", ".yml") else ""
+    tables = parse(text, str(path), yaml=path.suffix != ".toml")
+    if "bmi" not in tables:
+        return read_scene(config_file), BmiTable(scene=str(path))
+    table = validate(BmiFile, tables, str(path)).bmi
+    beside = path.parent / table.scene
+    scene = read_scene(beside if beside.exists() else table.scene, table.set)
+    if table.restart is not None:
+        table = table.model_copy(update={"restart": str(path.parent / table.restart)})
+    return scene, table
 
 
 # ---- one number for the whole -----------------------------------------------------------------
@@ -211,27 +269,25 @@ class _Running:
     """What exists between `initialize` and `finalize`: the model, its arrays, and who fills them."""
 
     def __init__(self, config_file: str) -> None:
-        from floebmi.scene import read_scene
-
-        scene = read_scene(config_file)
+        scene, view = read_config(config_file)
         self.step = _exchange(scene)
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
         built = scene.build()
         self.model: Model = built.model
-        self.capacity = scene.bmi.floe_capacity
+        self.capacity = view.floe_capacity
         self.sources: dict[str, Source] = {}
         self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
         for name, source in (("ocean", built.ocean), ("atmosphere", built.atmosphere)):
             if source is not None:
                 self.sources[name] = source
                 self.fill(name)
-        self.layouts = self._lay_out(scene.bmi.cells == "faces")
+        self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
         self._list()
         self.show(self.model.fields())
-        if scene.bmi.restart is not None:
-            self.load(scene.file.parent / scene.bmi.restart)
+        if view.restart is not None:
+            self.load(Path(view.restart))
 
     def _lay_out(self, faces: bool) -> dict[int, Layout]:
         model = self.model
@@ -305,20 +361,20 @@ class _Running:
     def advance(self, until: float) -> None:
         """Exchanges of the scene's length and a shorter last one; lands exactly on `until`."""
         model = self.model
-        start, sums = model.time, {}
-        rest = until - start
+        sums: dict[str, Any] = {}
+        rest = until - model.time
         count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
         for k in range(count):
             for name in ("ocean", "atmosphere"):
                 self.fill(name)
             whole = k < count - 1 or model.time + self.step == until
-            model.advance(self.step if whole else until - model.time)
+            duration = self.step if whole else until - model.time
+            model.advance(duration)
             fields = model.fields()
             if count > 1:
-                share = (model.time - start if k == 0 else model.time - before) / rest
                 for row in _means(fields):
-                    sums[row.name] = sums.get(row.name, 0.0) + share * fields[row.name]
-            before = model.time
+                    part = fields[row.name] * (duration / rest)
+                    sums[row.name] = sums.get(row.name, 0.0) + part
         model.time = until
         self.show(fields | sums)
 
@@ -381,8 +437,8 @@ class _Running:
 class FloeBmi(Bmi):
     """Sea-ice floes as a BMI 2.0 component (see the module's text for grids, time and who drives).
 
-    The configuration file is a scene, TOML or YAML, or the name of a packaged one.  Names of variables
-    and what is known without a scene (units, types) can be asked before `initialize`; a scene then leaves
+    The configuration file is a scene, TOML or YAML, or the name of a packaged one, or a table [bmi] that
+    names one.  Names of variables and what is known without a scene (units, types) can be asked before `initialize`; a scene then leaves
     out what it does not model.
 
     Raises
@@ -452,7 +508,7 @@ class FloeBmi(Bmi):
         self._running = None
 
     def save_state(self, path: str | Path) -> None:
-        """Save all that `load_state`, or the key `restart` of the scene's [bmi], needs to go on bit for bit."""
+        """Save all that `load_state`, or the key `restart`, needs to go on with the same bits."""
         from floebmi.output import save_restart
 
         now = self._now("save_state")

@@ -10,7 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -67,6 +67,7 @@ class _Group(click.Group):
         if not settings.pop("standalone_mode", True):
             return super().main(args, standalone_mode=False, **settings)
         try:
+            settings["prog_name"] = "floebmi"
             code = super().main(args, standalone_mode=False, **settings)
         except click.exceptions.NoArgsIsHelpError as error:
             click.echo(error.ctx.get_help() if error.ctx else "")
@@ -234,9 +235,10 @@ def run(
     )  # fmt: skip
     files = list(report.files)
     if picture is not None:
-        from floebmi.plot import plot_frame
+        from floebmi.plot import frame
 
-        files.append(plot_frame(trajectories, picture))
+        frame(trajectories, gridded, to=picture)
+        files.append(picture)
     if paraview is not None:
         from floebmi.paraview import export
 
@@ -336,14 +338,158 @@ def _print_keys() -> None:
         click.echo(f"  {key:<18} {default:<22} {text}".rstrip())
 
 
+class _Pictured(NamedTuple):
+    """The files of a run that a picture is made of."""
+
+    trajectories: Path | None
+    gridded: Path | None
+
+    @property
+    def first(self) -> Path:
+        return self.trajectories or self.gridded or Path()
+
+
+def _outputs(path: Path) -> _Pictured:
+    """Trajectory and gridded file of a run, from its folder or one of the two; else InputError."""
+    from floebmi.output import open_file
+
+    if path.is_dir():
+        files = _Pictured(path / "floes.nc", path / "gridded.nc")
+        have = _Pictured(*(file if file.exists() else None for file in files))
+        if not any(have):
+            raise InputError(f"{path}: holds neither floes.nc nor gridded.nc, the output of a run")
+        return have
+    with open_file(path, "trajectories", "gridded") as data:
+        kind = str(data.floebmi_file)
+    if kind.startswith("gridded"):
+        return _Pictured(None, path)
+    beside = path.with_name("gridded.nc")  # of the same run: has the wind, and degrees
+    return _Pictured(path, beside if path.name == "floes.nc" and beside.exists() else None)
+
+
+def _target(target: Path | None, default: Path, force: bool) -> Path:
+    target = default if target is None else target
+    if target.exists() and not force:
+        raise InputError(f"{target}: exists already; give another place with --to, or --force")
+    if not target.parent.is_dir():
+        raise InputError(f"--to {target}: there is no folder {target.parent}")
+    return target
+
+
+def _to_option(metavar: str, text: str) -> Callable:
+    return click.option(
+        "--to", "target", type=click.Path(path_type=Path), metavar=metavar, help=text
+    )
+
+
+_force_option = click.option("--force", is_flag=True, help="Replace what is there.")
+_color_option = click.option(
+    "--color", default="speed", metavar="NAME",
+    help="Colour floes by this variable of floes.nc: speed (default), thickness, contact_force …",
+)  # fmt: skip
+_arrows_option = click.option(
+    "--arrows", type=click.Choice(["ice", "ocean", "wind", "stress"]),
+    help="Arrows of velocity, or of the ice's stress on the ocean.",
+)  # fmt: skip
+
+
 @floebmi.command()
 @click.argument("file", type=click.Path(path_type=Path))
+@_to_option("FILE", "Picture to make (.png, .pdf, .svg); else a .png beside FILE.")
+@_force_option
+@click.option("--time", "number", default=-1, help="Number of the frame; negative from the end.")
+@_color_option
 @click.option(
-    "--to", "target", type=click.Path(path_type=Path), metavar="PNG", help="Else beside FILE."
+    "--variable", metavar="NAME", help="Map this variable of gridded.nc instead of floes."
 )
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
-def plot(file: Path, target: Path | None, force: bool) -> None:
-    """Draw a frame of FILE, the output of a run."""
-    from floebmi.plot import plot_frame
+@click.option("--ledger", is_flag=True, help="Draw mass, momentum and energy in time instead.")
+@_arrows_option
+def plot(
+    file: Path,
+    target: Path | None,
+    force: bool,
+    number: int,
+    color: str,
+    variable: str | None,
+    ledger: bool,
+    arrows: str | None,
+) -> None:
+    """Draw a frame of FILE: the folder of a run, its floes.nc or its gridded.nc."""
+    from floebmi import plot as draw
 
-    click.echo(f"wrote {plot_frame(file, target)}")
+    files = _outputs(file)
+    if ledger:
+        target = _target(target, files.first.with_name("ledger.png"), force)
+        draw.ledger(files.first, target)
+    elif variable is not None or files.trajectories is None:
+        if files.gridded is None:
+            raise InputError(f"{file}: --variable {variable}: needs the gridded.nc of the run")
+        name = variable or "area_fraction"
+        target = _target(target, files.gridded.with_name(f"{name}.png"), force)
+        draw.field(files.gridded, name, number, target, arrows=arrows)
+    else:
+        target = _target(target, files.trajectories.with_suffix(".png"), force)
+        draw.frame(files.trajectories, files.gridded, number, color, target, arrows=arrows)
+    click.echo(f"wrote {target}")
+
+
+@floebmi.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_to_option("FILE", "Film to make (.mp4 or .gif); else an .mp4 beside FILE.")
+@_force_option
+@_color_option
+@_arrows_option
+@click.option("--fps", default=12, help="Frames per second.")
+@click.option("--every", default=1, help="Take each n-th frame only.")
+def animate(
+    file: Path,
+    target: Path | None,
+    force: bool,
+    color: str,
+    arrows: str | None,
+    fps: int,
+    every: int,
+) -> None:
+    """Make a film of FILE: the folder of a run, or its floes.nc."""
+    from floebmi import plot as draw
+
+    files = _outputs(file)
+    if files.trajectories is None:
+        raise InputError(f"{file}: a film needs the floes.nc of the run")
+    target = _target(target, files.trajectories.with_suffix(".mp4"), force)
+    with _progress("frames") as show:
+        draw.animate(
+            files.trajectories, files.gridded, target,
+            color=color, arrows=arrows, fps=fps, every=every, progress=show,
+        )  # fmt: skip
+    click.echo(f"wrote {target}")
+
+
+@floebmi.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_to_option("FOLDER", "Where the files go; else a folder paraview beside FILE.")
+@_force_option
+def export(file: Path, target: Path | None, force: bool) -> None:
+    """Write FILE for ParaView: the folder of a run, its floes.nc or its gridded.nc."""
+    from floebmi.paraview import export as write
+
+    files = [path for path in _outputs(file) if path is not None]
+    if not file.is_dir():
+        files = [file]
+    target = _target(target, files[0].with_name("paraview"), force)
+    for path in files:
+        with _progress("frames") as show:
+            click.echo(f"wrote {write(path, target, show)}")
+
+
+@contextlib.contextmanager
+def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
+    from tqdm import tqdm
+
+    with tqdm(unit=f" {unit}", mininterval=0.2 if sys.stderr.isatty() else 5.0) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show

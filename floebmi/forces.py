@@ -11,6 +11,7 @@ exactly in equilibrium.  The impulse of each force in that step, m Δt (a + ½ J
 floe: it is what the ocean and the air get back.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -108,23 +109,11 @@ def bulk_coefficient(
 # ---- what a force needs at each floe ----------------------------------------------------------------
 
 
-class Booked(NamedTuple):
-    """What a force gave to each floe since the arrays were cleared: impulse [N s], work [J]."""
-
-    x: np.ndarray
-    y: np.ndarray
-    work: np.ndarray
-
-
-class AtFloes(NamedTuple):
-    """A force at the floes: fluid velocity or slope, K/m [1/m], spin (half the curl) [1/s] and its K/J."""
-
-    booked: Booked
-    u: np.ndarray | None = None
-    v: np.ndarray | None = None
-    rate: np.ndarray | None = None
-    spin: np.ndarray | None = None
-    spin_rate: np.ndarray | None = None
+# A force at the floes is one record a floe (records, unlike tuples of arrays, cost a kernel nothing to hand on):
+# x, y, work: what the force gave to the floe since the records were made [N s], [J]
+# u, v: velocity of the fluid [m/s], or slope [1];  rate: K/m [1/m], or f [1/s]
+# spin: half the curl [1/s];  spin_rate: K/J of the torque [1]
+BOOKED = ("x", "y", "work")
 
 
 def at_floes(
@@ -135,49 +124,35 @@ def at_floes(
     ice_density: float,
     rotation: bool,
     land: np.ndarray,
-) -> AtFloes:
-    """Allocate what a force needs at n floes, and nothing else; nothing drags on land."""
-    n = len(radius)
-    booked = Booked(np.zeros(n), np.zeros(n), np.zeros(n))
-    if isinstance(force, OceanDrag | AirDrag):
+) -> np.ndarray:
+    """Allocate what a force needs at n floes, and nothing else; nothing drags on land.
+
+    Returns
+    -------
+    Record array of shape (n,) with the fields x, y, work and those that the force reads.
+    """
+    drag = isinstance(force, OceanDrag | AirDrag)
+    reads = {Tilt: ("u", "v"), CoriolisField: ("rate",)}.get(type(force), ())
+    if drag:
+        reads = ("u", "v", "rate", "spin", "spin_rate") if rotation else ("u", "v", "rate")
+    names = (*BOOKED, *reads)
+    at = np.zeros(len(radius), [(name, np.float64) for name in names]).view(np.recarray)
+    if drag:
         side = draft if isinstance(force, OceanDrag) else thickness - draft
         mass_per_area = np.where(land, np.inf, ice_density * thickness)
-        spin_rate = None
+        at.rate = force.density * bulk_coefficient(force, radius, side) / mass_per_area
         if rotation:  # eqs. ocean-torque, air-torque, over J = m r²/2
             arm = radius * force.horizontal / 5 + side * force.vertical
-            spin_rate = 2 * force.density * arm / mass_per_area
-        return AtFloes(
-            booked,
-            np.zeros(n),
-            np.zeros(n),
-            force.density * bulk_coefficient(force, radius, side) / mass_per_area,
-            np.zeros(n) if rotation else None,
-            spin_rate,
-        )
-    if isinstance(force, CoriolisField):
-        return AtFloes(booked, rate=np.zeros(n))
-    if isinstance(force, Tilt):
-        return AtFloes(booked, np.zeros(n), np.zeros(n))
-    return AtFloes(booked)
+            at.spin_rate = 2 * force.density * arm / mass_per_area
+    return at
 
 
-def in_order(at: AtFloes, number: np.ndarray) -> AtFloes:
-    """The same for the floes of the given numbers, in their order."""
-    return AtFloes(
-        Booked(*(values[number] for values in at.booked)),
-        *(None if values is None else values[number] for values in at[1:]),
-    )
-
-
-def extend(at: AtFloes, more: AtFloes) -> AtFloes:
-    """With further floes behind; fluid velocities of new floes are those of the last one."""
-    joined = []
-    for name, old, new in zip(AtFloes._fields[1:], at[1:], more[1:], strict=True):
-        if old is not None and name in ("u", "v", "spin") and len(old):
-            new = np.full(len(new), old[-1])
-        joined.append(None if old is None else np.concatenate([old, new]))
-    booked = (np.concatenate(pair) for pair in zip(at.booked, more.booked, strict=True))
-    return AtFloes(Booked(*booked), *joined)
+def extend(at: np.ndarray, more: np.ndarray) -> np.ndarray:
+    """With further floes behind; until the next exchange they feel the fluid of the last one."""
+    for name in ("u", "v", "spin"):
+        if name in at.dtype.names and len(at):
+            more[name] = at[name][-1]
+    return np.concatenate([at, more]).view(np.recarray)
 
 
 # ---- the laws in the kernel -------------------------------------------------------------------------
@@ -217,12 +192,12 @@ def quadratic_drag(rate, du, dv):
 
 @acceleration.register
 def _(force: OceanDrag, at, k, u, v):
-    return quadratic_drag(at.rate[k], at.u[k] - u, at.v[k] - v)
+    return quadratic_drag(at[k].rate, at[k].u - u, at[k].v - v)
 
 
 @acceleration.register
 def _(force: AirDrag, at, k, u, v):
-    return quadratic_drag(at.rate[k], at.u[k] - u, at.v[k] - v)
+    return quadratic_drag(at[k].rate, at[k].u - u, at[k].v - v)
 
 
 @acceleration.register
@@ -233,13 +208,13 @@ def _(force: Coriolis, at, k, u, v):
 
 @acceleration.register
 def _(force: CoriolisField, at, k, u, v):
-    f = at.rate[k]
+    f = at[k].rate
     return Push(f * v, -f * u, 0.0, f, -f, 0.0)
 
 
 @acceleration.register
 def _(force: Tilt, at, k, u, v):
-    return Push(-force.gravity * at.u[k], -force.gravity * at.v[k], 0.0, 0.0, 0.0, 0.0)
+    return Push(-force.gravity * at[k].u, -force.gravity * at[k].v, 0.0, 0.0, 0.0, 0.0)
 
 
 @acceleration.register
@@ -260,21 +235,21 @@ def quadratic_torque(spin_rate, slip):
 
 @spin_up.register
 def _(force: OceanDrag, at, k, omega):
-    return quadratic_torque(at.spin_rate[k], at.spin[k] - omega)
+    return quadratic_torque(at[k].spin_rate, at[k].spin - omega)
 
 
 @spin_up.register
 def _(force: AirDrag, at, k, omega):
-    return quadratic_torque(at.spin_rate[k], at.spin[k] - omega)
+    return quadratic_torque(at[k].spin_rate, at[k].spin - omega)
 
 
-def speed_bound(forces: tuple[Force, ...], at: tuple[AtFloes, ...], speed: float) -> float:
+def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: float) -> float:
     """Bound on the speed [m/s] that floes moving at `speed` can reach: fluids drag them no faster."""
     water, wind, push = 0.0, 0.0, 0.0
     drag, wind_drag = 0.0, 0.0
     for force, here in zip(forces, at, strict=True):
         fastest = 0.0
-        if here.u is not None:
+        if "u" in here.dtype.names:
             fastest = float(np.sqrt((here.u**2 + here.v**2).max(initial=0.0)))
         if isinstance(force, OceanDrag):
             water, drag = fastest, here.rate[here.rate > 0].min(initial=np.inf)
@@ -290,12 +265,12 @@ def speed_bound(forces: tuple[Force, ...], at: tuple[AtFloes, ...], speed: float
     return max(speed, wind)
 
 
-def fastest_rate(force: Force, at: AtFloes, speed: float, spin: float) -> float:
+def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> float:
     """Bound on |J| [1/s] while floes move no faster than `speed` and spin no faster than `spin`."""
     if isinstance(force, OceanDrag | AirDrag):
         fluid = float(np.sqrt((at.u**2 + at.v**2).max(initial=0.0)))
         rate = 2 * (speed + fluid) * at.rate.max(initial=0.0)
-        if at.spin_rate is not None:
+        if "spin" in at.dtype.names:
             turning = spin + np.abs(at.spin).max(initial=0.0)
             rate = max(rate, 2 * turning * at.spin_rate.max(initial=0.0))
         return float(rate)
@@ -348,15 +323,15 @@ def _book_one(force, at, k, u, v, du, dv, impulse):
     a = acceleration(force, at, k, u, v)
     x = impulse * (a.x + 0.5 * (a.xx * du + a.xy * dv))
     y = impulse * (a.y + 0.5 * (a.yx * du + a.yy * dv))
-    at.booked.x[k] += x
-    at.booked.y[k] += y
-    at.booked.work[k] += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+    at[k].x += x
+    at[k].y += y
+    at[k].work += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
 
 
 @jit
 def _book_one_spin(force, at, k, omega, change, impulse):
     alpha, slope = spin_up(force, at, k, omega)
-    at.booked.work[k] += impulse * (alpha + 0.5 * slope * change) * (omega + 0.5 * change)
+    at[k].work += impulse * (alpha + 0.5 * slope * change) * (omega + 0.5 * change)
 
 
 @overload(total_acceleration)

@@ -1,7 +1,7 @@
 """Exchange grids: where the host's numbers live, and which of its cells are wet.
 
 Four kinds are one thing here: every cell is a simple polygon with its corners counter-clockwise, an
-exact area (shoelace) and a centroid.  What differs is how a cell is found.  On rectilinear grids a
+exact area (shoelace) and a centroid.  What differs is how cells near a floe are found.  On rectilinear grids a
 column is found by a table along each axis; on the others a raster of bins, laid over the grid,
 lists the cells that reach into each bin.  Neither takes longer where there are more cells.
 
@@ -82,61 +82,37 @@ def contains(corner_x, corner_y, x, y):
 
 
 @jit
-def find_cell(x, y, origin, scale, start, cell, box, raster, corner_x, corner_y):
-    """The cell that holds a point, -1 outside all cells."""
-    bx = bin_of(x, origin[0], scale[0], raster[0])
-    by = bin_of(y, origin[1], scale[1], raster[1])
-    b = by * raster[0] + bx
-    for m in range(start[b], start[b + 1]):
-        c = cell[m]
-        near = box[c, 0] <= x <= box[c, 1] and box[c, 2] <= y <= box[c, 3]
-        if near and contains(corner_x[c], corner_y[c], x, y):
-            return c
-    return -1
-
-
-@jit
-def _fill_bins(box, origin, scale, raster):
-    """Count the cells of each bin, then list them: start, cell, low of `Bins`."""
-    size = box.shape[0]
-    low = np.empty((size, 2), np.int64)
-    high = np.empty((size, 2), np.int64)
-    start = np.zeros(raster[0] * raster[1] + 1, np.int64)
-    for c in range(size):
-        for axis in range(2):
-            low[c, axis] = bin_of(box[c, 2 * axis], origin[axis], scale[axis], raster[axis])
-            high[c, axis] = bin_of(box[c, 2 * axis + 1], origin[axis], scale[axis], raster[axis])
-        for by in range(low[c, 1], high[c, 1] + 1):
-            for bx in range(low[c, 0], high[c, 0] + 1):
-                start[by * raster[0] + bx + 1] += 1
-    for b in range(start.size - 1):
-        start[b + 1] += start[b]
-    cell = np.empty(start[-1], np.int64)
-    place = start[:-1].copy()
-    for c in range(size):
-        for by in range(low[c, 1], high[c, 1] + 1):
-            for bx in range(low[c, 0], high[c, 0] + 1):
-                b = by * raster[0] + bx
-                cell[place[b]] = c
-                place[b] += 1
-    return start, cell, low
-
-
-@jit
-def _locate_rectilinear(x_edges, x_first, y_edges, y_first, x, y, found):
-    for k in range(x.size):
-        found[k] = -1
-        if x_edges[0] <= x[k] < x_edges[-1] and y_edges[0] <= y[k] < y_edges[-1]:
-            j = column(y_edges, y_first, y[k])
-            found[k] = j * (x_edges.size - 1) + column(x_edges, x_first, x[k])
-
-
-@jit
 def _locate_polygons(origin, scale, start, cell, box, raster, corner_x, corner_y, x, y, found):
     for k in range(x.size):
-        found[k] = find_cell(
-            x[k], y[k], origin, scale, start, cell, box, raster, corner_x, corner_y
-        )
+        bx = bin_of(x[k], origin[0], scale[0], raster[0])
+        by = bin_of(y[k], origin[1], scale[1], raster[1])
+        b = by * raster[0] + bx
+        for m in range(start[b], start[b + 1]):
+            c = cell[m]
+            near = box[c, 0] <= x[k] <= box[c, 1] and box[c, 2] <= y[k] <= box[c, 3]
+            if near and contains(corner_x[c], corner_y[c], x[k], y[k]):
+                found[k] = c
+                break
+
+
+def blocks(
+    first_x: np.ndarray, count_x: np.ndarray, first_y: np.ndarray, count_y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """All (column, row) pairs of many blocks, one block after the other.
+
+    Parameters
+    ----------
+    first_x, count_x, first_y, count_y : (n,) int, first column and row of each block, and how many
+
+    Returns
+    -------
+    start (n + 1,), block, column, row : pairs start[k]:start[k + 1] are those of block k
+    """
+    pairs = count_x * count_y
+    start = np.concatenate([[0], np.cumsum(pairs)])
+    block = np.repeat(np.arange(pairs.size), pairs)
+    along_row, across = np.arange(start[-1]) - start[block], np.maximum(count_x, 1)[block]
+    return start, block, first_x[block] + along_row % across, first_y[block] + along_row // across
 
 
 @final
@@ -373,8 +349,15 @@ class Grid:
         raster = np.maximum(1, np.array([(east - west) / side, (north - south) / side]).astype(int))
         scale = raster / np.array([east - west, north - south])
         origin = np.array([west, south])
-        start, cell, low = _fill_bins(box, origin, scale, raster)
-        return Bins(origin, scale, start, cell, low, box, raster)
+        # A hair wider than the cells, so that round-off in `bin_of` cannot lose a point on a rim.
+        low = np.floor((box[:, [0, 2]] - origin) * scale - 1e-9).astype(np.int64)
+        high = np.floor((box[:, [1, 3]] - origin) * scale + 1e-9).astype(np.int64)
+        low, high = np.clip(low, 0, raster - 1), np.clip(high, 0, raster - 1)
+        count = high - low + 1
+        _, cell, bx, by = blocks(low[:, 0], count[:, 0], low[:, 1], count[:, 1])
+        b = by * raster[0] + bx
+        start = np.concatenate([[0], np.cumsum(np.bincount(b, minlength=raster.prod()))])
+        return Bins(origin, scale, start, cell[np.argsort(b, kind="stable")], low, box, raster)
 
     def with_wet(self, mask: np.ndarray) -> Grid:
         """The same cells, another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet."""
@@ -395,19 +378,23 @@ class Grid:
         (n,) int64
         """
         x, y = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))
-        x = np.ascontiguousarray(x, np.float64)
-        y = np.ascontiguousarray(y, np.float64)
-        found = np.empty(x.size, np.int64)
+        west, east, south, north = self.bounds
+        inside = (west <= x) & (x <= east) & (south <= y) & (y <= north)
+        x, y = x[inside].astype(np.float64), y[inside].astype(np.float64)
         if self.x_edges is not None:
-            _locate_rectilinear(*self.axes, x, y, found)
+            i = np.searchsorted(self.x_edges, x, side="right") - 1
+            j = np.searchsorted(self.y_edges, y, side="right") - 1
+            ny, nx = self.shape
+            cell = np.where((i < nx) & (j < ny), j * nx + i, -1)
         else:
+            cell = np.full(x.size, -1)
             b = self.bins
-            inside = np.isfinite(x) & np.isfinite(y)
             _locate_polygons(
                 b.origin, b.scale, b.start, b.cell, b.box, b.raster,
-                self.corner_x, self.corner_y,
-                np.where(inside, x, np.inf), np.where(inside, y, np.inf), found,
+                self.corner_x, self.corner_y, x, y, cell,
             )  # fmt: skip
+        found = np.full(inside.shape, -1)
+        found[inside] = cell
         return found
 
     def __repr__(self) -> str:

@@ -29,7 +29,6 @@ from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
 from floebmi.forces import (
     AirDrag,
-    AtFloes,
     BodyForce,
     Coriolis,
     CoriolisField,
@@ -242,7 +241,7 @@ class Model:
 
     # ---- one exchange ------------------------------------------------------------------------------
 
-    def _allocate(self) -> tuple[AtFloes, ...]:
+    def _allocate(self) -> tuple[np.ndarray, ...]:
         f = self.floes
         draft = self.draft_fraction * f.thickness
         return tuple(
@@ -342,22 +341,20 @@ class Model:
             w = weights[id(grid)]
             wet = grid.wet
 
-            def read(field: np.ndarray, out: np.ndarray, w: Weights = w, wet=wet) -> None:
-                gather(w, np.where(wet, field, 0.0), out)
+            def read(field: np.ndarray, w: Weights = w, wet: np.ndarray = wet) -> np.ndarray:
+                return gather(w, np.where(wet, field, 0.0))
 
             if isinstance(force, Tilt):
-                read(fluid.tilt_x, at.u)
-                read(fluid.tilt_y, at.v)
+                at.u, at.v = read(fluid.tilt_x), read(fluid.tilt_y)
             elif isinstance(force, CoriolisField):
-                read(fluid.coriolis, at.rate)
+                at.rate = read(fluid.coriolis)
             else:
-                read(fluid.u, at.u)
-                read(fluid.v, at.v)
-                if at.spin is not None:
-                    read(0.5 * fluid.vorticity(), at.spin)
-                at.rate[without_cell(w)] = 0.0  # no water, no drag
-                if at.spin_rate is not None:
-                    at.spin_rate[without_cell(w)] = 0.0
+                at.u, at.v = read(fluid.u), read(fluid.v)
+                nowhere = without_cell(w)
+                at.rate[nowhere] = 0.0  # no water, no drag
+                if "spin" in at.dtype.names:
+                    at.spin = read(0.5 * fluid.vorticity())
+                    at.spin_rate[nowhere] = 0.0
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -368,10 +365,9 @@ class Model:
     def _give_back(self, weights: dict[int, Weights], known: int, duration: float) -> None:
         """Book the forces; the fluids get the opposite of the impulse that their drag gave."""
         for force, at in zip(self.forces, self._at, strict=True):
-            booked = at.booked
             name = _ACCOUNTS[type(force)]
             self._state.ledger.book(
-                name, x=booked.x.sum(), y=booked.y.sum(), energy=booked.work.sum()
+                name, x=at.x.sum(), y=at.y.sum(), energy=at.work.sum()
             )
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
@@ -380,9 +376,9 @@ class Model:
             fluid.last_y[:] = 0.0
             fluid.magnitude[:] = 0.0
             fluid.coefficient[:] = 0.0
-            scatter(w, -booked.x[:known], fluid.last_x)
-            scatter(w, -booked.y[:known], fluid.last_y)
-            scatter(w, np.hypot(booked.x, booked.y)[:known], fluid.magnitude)
+            scatter(w, -at.x[:known], fluid.last_x)
+            scatter(w, -at.y[:known], fluid.last_y)
+            scatter(w, np.hypot(at.x, at.y)[:known], fluid.magnitude)
             fluid.magnitude /= fluid.grid.area
             f = self.floes
             slip = np.hypot(at.u - f.u, at.v - f.v) * at.rate * f.mass(self.ice_density)
@@ -392,7 +388,7 @@ class Model:
             fluid.impulse_y += fluid.last_y
             lost = without_cell(w)
             # a floe that came in during the interval has no weights yet
-            for axis, values in enumerate((booked.x, booked.y)):
+            for axis, values in enumerate((at.x, at.y)):
                 fluid.undelivered[axis] -= values[:known][lost].sum() + values[known:].sum()
 
     def step_by(self, steps: int) -> None:

@@ -892,7 +892,7 @@ def _press(
     all_x, all_y, size = (np.concatenate(pair) for pair in zip((x, y, radius), discs.T, strict=True))
     pressed = size.copy()
     pressed[:n] *= 1 + SPARE
-    mobile = np.concatenate([free.astype(float), np.zeros(len(discs))])
+    import os; mobile = np.concatenate([free * radius**-float(os.environ.get('WEXP','1')), np.zeros(len(discs))])
     box = np.array(
         [
             at if getattr(domain, edge) in walls else far

@@ -2,7 +2,7 @@
 
 `frame` draws the floes as true circles among the coast, `field` maps a gridded variable, `ledger` shows where
 mass, momentum and energy came from, `animate` makes a film that a browser plays.  All share one style:
-light water, land in sand, sequential maps that everyone can read (viridis; RdBu where a sign matters),
+light water, land in sand, sequential maps that everyone can read (viridis; PuOr where a sign matters),
 axes in km, the time above.
 
 Figures are matplotlib's `Figure` without pyplot: nobody's backend or open windows are touched, and the
@@ -11,6 +11,7 @@ that PyPI's imageio-ffmpeg brings; matplotlib's own writers would look for one o
 """
 
 import os
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,10 +30,10 @@ if TYPE_CHECKING:
     from netCDF4 import Dataset
 
 WATER = "#d3e4ee"
+NOWHERE = "#eeeeee"  # outside the grid
 LAND = "#b9ab8e"
 COAST = "#7d7159"
 INK = "#1d2b36"
-DPI = 150
 CONCENTRATION = ["#0c2c4c", "#1f5f8f", "#66a5c9", "#bfdcea", "#ffffff"]  # water to ice
 
 Arrows = Literal["ice", "ocean", "wind", "stress"]
@@ -60,8 +61,7 @@ def style() -> dict[str, Any]:
         "axes.formatter.useoffset": False,
         "axes.formatter.limits": (-4, 5),
         "figure.facecolor": "white",
-        "figure.dpi": DPI,
-        "savefig.dpi": DPI,
+        "savefig.dpi": "figure",
         "text.color": INK,
         "xtick.color": INK,
         "ytick.color": INK,
@@ -161,9 +161,11 @@ def field(
         k = _frame_number(gridded, time, len(data.dimensions["time"]))
         values = _filled(data[row.file_name][k])
         view = _View(data, data, _length_unit(data), _Clock(data))
-        label = f"{row.text} [{_pretty(row.units)}]"
+        label = _label(row.text, row.units)
         scale = _scale_of(row.name, values, limits)
         figure, axes = _canvas(view, size, _Bar(label, scale))
+        if not row.needs_ice:
+            axes.set_facecolor(NOWHERE)
         _draw_cells(axes, view, data[row.file_name].dimensions[1:], values, scale)
         _draw_land(axes, view)
         _draw_graticule(axes, view)
@@ -339,13 +341,16 @@ def _filled(values: np.ndarray) -> np.ndarray:
     return np.asarray(values)
 
 
-def _pretty(units: str) -> str:
+def _label(text: str, units: str) -> str:
+    """Text and units, with the exponents raised."""
+    if units == "1":
+        return text
     superscript = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     words = []
     for word in units.split():
         letters = word.rstrip("-0123456789")
-        words.append(letters + word[len(letters) :].translate(superscript) if letters else word)
-    return " ".join(words)
+        words.append(letters + word[len(letters) :].translate(superscript))
+    return f"{text} [{' '.join(words)}]"
 
 
 # ---- colours ----------------------------------------------------------------------------------
@@ -367,16 +372,19 @@ class _Bar(NamedTuple):
     scale: _Scale
 
 
-def _scale_of(name: str, values: np.ndarray, limits: tuple[float, float] | None) -> _Scale:
+def _scale_of(
+    name: str, values: np.ndarray, limits: tuple[float, float] | None, whole: bool = False
+) -> _Scale:
+    """A scale that fits the values; whole numbers get a colour each."""
     import matplotlib
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
 
-    values = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     if name == "area_fraction":
         cmap = LinearSegmentedColormap.from_list("concentration", CONCENTRATION)
         return _Scale(cmap, Normalize(*(limits or (0.0, 1.0))))
-    if values.dtype.kind in "iu" and limits is None:
+    if whole and limits is None:
         top = max(int(high), 1)
         levels = np.arange(min(top, 6) + 2) - 0.5
         cmap = matplotlib.colormaps["viridis"]
@@ -389,14 +397,14 @@ def _scale_of(name: str, values: np.ndarray, limits: tuple[float, float] | None)
         largest = largest or max(abs(low), abs(high)) or 1.0
         if signed:
             limits = -largest, largest
-        elif low > 0.5 * high:  # far from zero: show the differences
+        elif low > 0.5 * high and name != "speed":  # far from zero: show the differences
             spread = 0.02 * high if high - low < 1e-6 * high else 0.0
             limits = low - spread, high + spread
         else:
             limits = (0.0, largest) if high > 0 else (-largest, 0.0)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
     shown = extend.get((low < limits[0], high > limits[1]), "neither")
-    cmap = matplotlib.colormaps["RdBu_r" if signed else "viridis"]
+    cmap = matplotlib.colormaps["PuOr_r" if signed else "viridis"]
     return _Scale(cmap, Normalize(*limits), shown)
 
 
@@ -409,18 +417,16 @@ def _canvas(view: _View, size: int, bar: _Bar | None) -> tuple["Figure", "Axes"]
     from matplotlib.figure import Figure
 
     west, east, south, north = view.box
-    left, right, bottom, top = 0.75, 1.15 if bar else 0.25, 0.55, 0.45
     aspect = (north - south) / (east - west)
-    width = size / DPI
+    left, right, bottom, top = 0.75, 1.15 if bar else 0.25, 0.65, 0.45
+    width, dpi = _inches(size)
     across = width - left - right
-    up = across * aspect
-    if up > 1.25 * width:  # a tall domain: the picture ends at 1.25 of its width, and narrows
-        up = 1.25 * width
-        across = up / aspect
-        width = across + left + right
+    up = min(across * aspect, 1.25 * width)  # a tall domain makes a narrower picture
+    across = up / aspect
+    width = across + left + right
     height = max(up, 1.2) + bottom + top
-    width, height = (2 * round(length * DPI / 2) / DPI for length in (width, height))
-    figure = Figure(figsize=(width, height), dpi=DPI)
+    width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))
+    figure = Figure(figsize=(width, height), dpi=dpi)
     FigureCanvasAgg(figure)
     rise = bottom + 0.5 * (height - bottom - top - up)  # a flat domain sits in the middle
     axes = figure.add_axes(
@@ -447,9 +453,18 @@ def _canvas(view: _View, size: int, bar: _Bar | None) -> tuple["Figure", "Axes"]
             extend=bar.scale.extend,
             ticks=bar.scale.ticks,
         )
-        shades.set_label(bar.label)
+        letters = int((height - bottom - top) / 0.078)
+        shades.set_label("\n".join(textwrap.wrap(bar.label, letters)))
         shades.outline.set_linewidth(0.6)
     return figure, axes
+
+
+def _inches(size: int) -> tuple[float, float]:
+    """Width in inches, and pixels per inch: small pictures get smaller letters, but not in proportion."""
+    if size < 200:
+        raise InputError(f"size = {size}: must be at least 200 pixels")
+    width = float(np.clip(size / 150, 5.5, 8.0))
+    return width, size / width
 
 
 def _titles(axes: "Axes", title: str, time: str) -> None:
@@ -514,8 +529,8 @@ def _draw_cells(
     cells = PolyCollection(
         [corner for corner, drawn in zip(corners, there, strict=True) if drawn],
         array=values.ravel()[there],
-        edgecolor="face",
-        linewidth=0.2,
+        edgecolor="none",
+        antialiased=False,  # else the water shines through between the cells
         **look,
     )
     axes.add_collection(cells, autolim=False)
@@ -609,12 +624,13 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
     there = np.isfinite(u) & np.isfinite(v)
     if not there.any():
         return []
-    speed = np.hypot(u, v)[there]
-    key = _round_down(float(np.percentile(speed, 95)) or 1.0)
+    usual = float(np.percentile(np.hypot(u, v)[there], 95)) or 1.0
+    key = _round_down(usual)
     width = view.box[1] - view.box[0]
     drawn = axes.quiver(
         *(values[there] for values in (x, y, u, v)),
-        color=INK, angles="xy", scale_units="xy", scale=key / (0.05 * width),
+        color=INK, angles="xy", scale_units="xy", scale=usual / (0.045 * width),
+        edgecolor="white", linewidth=0.3,
         width=0.002, headwidth=4, zorder=5,
     )  # fmt: skip
     label = f"{word} {key:g} {units}"
@@ -622,23 +638,25 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
     return [drawn, above]
 
 
+def _below(axes: "Axes", side: Literal["left", "right"]) -> Any:
+    """Coordinates in inches from a lower corner of the axes, for what stands under the picture."""
+    from matplotlib.transforms import ScaledTranslation
+
+    corner = ScaledTranslation(float(side == "right"), 0.0, axes.transAxes)
+    return axes.figure.dpi_scale_trans + corner
+
+
 def _draw_scale_bar(axes: "Axes", view: _View) -> None:
-    west, east, south, _ = view.box
-    length = _round_down(0.22 * (east - west))
-    inch = (east - west) / (axes.get_position().width * axes.figure.get_figwidth())
-    x, y = west + 0.16 * inch, south + 0.16 * inch
-    axes.add_patch(_panel(x - 0.08 * inch, y - 0.08 * inch, length + 0.16 * inch, 0.33 * inch))
-    axes.plot([x, x + length], [y, y], color=INK, lw=2.5, solid_capstyle="butt", zorder=7)
-    axes.text(
-        x + length / 2, y + 0.04 * inch, f"{length:g} {view.length[1]}",
-        ha="center", va="bottom", fontsize=7.5, zorder=7,
+    west, east, _, _ = view.box
+    length = _round_down(0.2 * (east - west))
+    inches = axes.get_position().width * axes.figure.get_figwidth() * length / (east - west)
+    under = {"transform": _below(axes, "left"), "clip_on": False}
+    axes.plot(
+        [0.0, inches], [-0.43, -0.43], color=INK, lw=2.5, solid_capstyle="butt",
+        scalex=False, scaley=False, **under,
     )  # fmt: skip
-
-
-def _panel(x: float, y: float, width: float, height: float) -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((x, y), width, height, facecolor="white", alpha=0.8, lw=0, zorder=6)
+    text = f"{length:g} {view.length[1]}"
+    axes.text(inches + 0.06, -0.43, text, va="center", fontsize=8, **under)
 
 
 def _round_down(value: float) -> float:
@@ -648,7 +666,7 @@ def _round_down(value: float) -> float:
 
 
 def _draw_wind(axes: "Axes", view: _View, k: int) -> list[Any]:
-    """The mean wind as one arrow in the upper left corner."""
+    """The mean wind as one arrow under the lower right corner."""
     found = _vectors(view, "wind", k)
     if found is None or not np.isfinite(found[0]).any():
         return []
@@ -656,22 +674,22 @@ def _draw_wind(axes: "Axes", view: _View, k: int) -> list[Any]:
     speed = np.hypot(u, v)
     if speed < 0.05:
         return []
-    west, east, _, north = view.box
-    inch = (east - west) / (axes.get_position().width * axes.figure.get_figwidth())
-    x, y = west + 0.36 * inch, north - 0.36 * inch
-    box = axes.add_patch(_panel(west + 0.08 * inch, north - 0.64 * inch, 1.35 * inch, 0.56 * inch))
-    half = 0.2 * inch
+    under = _below(axes, "right")
+    along, across = (0.15 * part / speed for part in (u, v))
     arrow = axes.annotate(
         "",
-        xy=(x + half * u / speed, y + half * v / speed),
-        xytext=(x - half * u / speed, y - half * v / speed),
-        arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.4, "shrinkA": 0, "shrinkB": 0},
-        zorder=7,
+        xy=(-0.16 + along, -0.43 + across),
+        xytext=(-0.16 - along, -0.43 - across),
+        xycoords=under,
+        textcoords=under,
+        arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0},
+        annotation_clip=False,
     )
+    text = f"mean wind {speed:.1f} m/s"
     label = axes.text(
-        west + 0.68 * inch, y, f"wind\n{speed:.1f} m/s", va="center", fontsize=7.5, zorder=7
+        -0.38, -0.43, text, ha="right", va="center", fontsize=8, transform=under, clip_on=False
     )
-    return [box, arrow, label]
+    return [arrow, label]
 
 
 @final
@@ -698,7 +716,8 @@ class _FloePicture:
             self._check_color(color)
             sample = np.unique(np.linspace(0, len(view.time) - 1, 20).astype(int))
             values = np.concatenate([self._values(k)[~self._still] for k in sample])
-            self._bar = _Bar(self._label(color), _scale_of(color, values, limits))
+            whole = color != "speed" and data[color].dtype.kind == "i"
+            self._bar = _Bar(self._label(color), _scale_of(color, values, limits, whole))
         self.figure, self.axes = _canvas(view, size, self._bar)
         self._title = title if title is not None else str(getattr(data, "title", ""))
         _draw_land(self.axes, view)
@@ -780,7 +799,12 @@ class _FloePicture:
     def _per_unit(self) -> float:
         """Pixels per unit of the axes."""
         west, east = self._view.box[:2]
-        return self.axes.get_position().width * self.figure.get_figwidth() * DPI / (east - west)
+        return (
+            self.axes.get_position().width
+            * self.figure.get_figwidth()
+            * self.figure.dpi
+            / (east - west)
+        )
 
     def _read(self, name: str, k: int) -> np.ndarray:
         variable = self._view.data[name]
@@ -812,10 +836,9 @@ class _FloePicture:
 
     def _label(self, color: str) -> str:
         if color == "speed":
-            return "speed [m s⁻¹]"
+            return _label("speed", "m s-1")
         variable = self._view.data[color]
-        units = getattr(variable, "units", "1")
-        return variable.long_name + ("" if units == "1" else f" [{_pretty(units)}]")
+        return _label(variable.long_name, getattr(variable, "units", "1"))
 
 
 # ---- ledger -----------------------------------------------------------------------------------
@@ -831,7 +854,8 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
     stock = _filled(data["ledger_stock"][:])
     gained = np.nan_to_num(_filled(data["ledger_gained"][:]))
     accounts = [str(name) for name in data["ledger_account"][:]]
-    figure = Figure(figsize=(size / DPI, 0.75 * size / DPI), dpi=DPI, layout="constrained")
+    width, dpi = _inches(size)
+    figure = Figure(figsize=(width, 0.75 * width), dpi=dpi, layout="constrained")
     panels = figure.subplots(2, 2, sharex=True)
     for q, (axes, name, unit) in enumerate(zip(panels.flat, QUANTITIES, UNITS, strict=True)):
         gain = stock[:, q] - stock[0, q]
@@ -842,6 +866,8 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
         axes.plot(time, gain, color="black", lw=2.0, label="gain of the ice")
         residual = gain - (gained[:, :, q] - gained[0, :, q]).sum(axis=1)
         axes.plot(time, residual, color="black", ls=":", label="residual")
+        if not (gain.any() or gained[:, :, q].any()):
+            axes.set_ylim(-1.0, 1.0)
         axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
         axes.legend()
         axes.spines[["top", "right"]].set_visible(False)

@@ -401,7 +401,7 @@ class _Meter:
         if self._last is not None and now[0] > self._last[0]:
             clock, simulated, steps = (b - a for a, b in zip(self._last, now, strict=True))
             self._bar.set_postfix_str(
-                f"{steps / clock / 1e6:.1f} M floe-steps/s, {simulated / clock / 24:.3g} days/h",
+                f"{steps / clock / 1e6:.3g} M floe-steps/s, {simulated / clock / 24:.3g} days/h",
                 refresh=False,
             )
         if self._last is None or now[0] - self._last[0] > 0.5:

@@ -10,9 +10,7 @@ from floebmi.floes import FIXED, Floes
 from floebmi.forces import (
     DRAG_PRESETS,
     AirDrag,
-    AtFloes,
     BodyForce,
-    Booked,
     Coriolis,
     CoriolisField,
     OceanDrag,
@@ -125,8 +123,11 @@ def test_a_body_force_is_an_acceleration():
     "force", [OceanDrag(), AirDrag(), Coriolis(1e-4), CoriolisField(), Tilt(), BodyForce(1.0, 2.0)]
 )
 def test_the_derivative_of_each_force_is_exact(force):
-    numbers = [np.array([value]) for value in (0.3, -0.2, 0.02)]
-    at = AtFloes(Booked(*(np.zeros(1) for _ in range(3))), *numbers)
+    one = np.ones(1)
+    at = at_floes(force, 100 * one, one, 0.9 * one, 934.0, False, one == 0)
+    for name, value in (("u", 0.3), ("v", -0.2), ("rate", 0.02)):
+        if name in at.dtype.names:
+            at[name] = value
     u, v, d = 0.1, 0.25, 1e-6
     here = acceleration(force, at, 0, u, v)
     for (du, dv), slope in (((d, 0), (here.xx, here.yx)), ((0, d), (here.xy, here.yy))):
