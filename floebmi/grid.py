@@ -1,9 +1,9 @@
 """Exchange grids: where the host's numbers live, and which of its cells are wet.
 
 Four kinds are one thing here: every cell is a simple polygon with its corners counter-clockwise, an
-exact area (shoelace) and a centroid.  What differs is how cells near a floe are found.  On rectilinear grids a
-column is found by a table along each axis; on the others a raster of bins, laid over the grid,
-lists the cells that reach into each bin.  Neither takes longer where there are more cells.
+exact area (shoelace) and a centroid.  What differs is how the cells around a floe are found.  On
+rectilinear grids a table along each axis tells the column; on the others a raster of bins, laid
+over the grid, lists the cells that reach into each bin.  Neither takes longer on larger grids.
 
 A point on an edge belongs to one cell only, the one to its east or north, so the grid's own east
 and north rim is outside.  Fields are flat, in C order: shape (size,).

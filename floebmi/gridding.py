@@ -36,14 +36,12 @@ import numpy as np
 
 from floebmi.errors import InputError
 from floebmi.geometry import cut
-from floebmi.grid import Grid, bin_of, find_cell
+from floebmi.grid import Grid, bin_of
 from floebmi.kernels import jit
 from floebmi.sampling import (
     Period,
     Weights,
-    append,
     check_floes,
-    check_period,
     images,
     overlap_areas,
     scatter,
@@ -207,88 +205,92 @@ def cell_fields(
 
 
 @jit
-def _insert(cuts, n, t):
-    """Put t into its place among the first n cuts, kept in order; the array doubles when full."""
-    if n == cuts.size:
-        longer = np.empty(2 * n)
-        for e in range(n):
+def _insert(cuts, begin, end, t):
+    """Put t into cuts[begin:end + 1], kept in order; the array doubles when it is full."""
+    if end == cuts.size:
+        longer = np.empty(2 * end + 64)
+        for e in range(end):
             longer[e] = cuts[e]
         cuts = longer
-    while n > 0 and cuts[n - 1] > t:
-        cuts[n] = cuts[n - 1]
-        n -= 1
-    cuts[n] = t
+    while end > begin and cuts[end - 1] > t:
+        cuts[end] = cuts[end - 1]
+        end -= 1
+    cuts[end] = t
     return cuts
 
 
 @jit
-def _branch_shares(
-    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, bounds,
-    x, y, dx, dy, period_x, period_y,
+def _cut_branches(
+    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y,
+    x, y, dx, dy, start, cuts,
 ):  # fmt: skip
-    """Share of each branch in the cells that it crosses: start, cell, share.
-
-    A piece between two cuts belongs to the cell that holds its middle, so a piece along an edge
-    counts once, and the pieces add up to the branch.
-    """
-    start = np.zeros(x.size + 1, np.int64)
-    cell = np.empty(4 * x.size, np.int64)
-    share = np.empty(4 * x.size, np.float64)
-    cuts = np.empty(64)
+    """Where branches cross edges of cells, in order from 0 to 1: fills start, returns cuts."""
     m = start[0]
     for k in range(x.size):
-        half_x, half_y = 0.5 * abs(dx[k]), 0.5 * abs(dy[k])
-        first_x, last_x = images(bounds[0], bounds[1], half_x, x[k] + 0.5 * dx[k], period_x)
-        first_y, last_y = images(bounds[2], bounds[3], half_y, y[k] + 0.5 * dy[k], period_y)
-        for image_y in range(first_y, last_y + 1):
-            py = y[k] + image_y * period_y
-            south, north = min(py, py + dy[k]), max(py, py + dy[k])
-            by0 = bin_of(south, origin[1], scale[1], raster[1])
-            by1 = bin_of(north, origin[1], scale[1], raster[1])
-            for image_x in range(first_x, last_x + 1):
-                px = x[k] + image_x * period_x
-                west, east = min(px, px + dx[k]), max(px, px + dx[k])
-                bx0 = bin_of(west, origin[0], scale[0], raster[0])
-                bx1 = bin_of(east, origin[0], scale[0], raster[0])
-                cuts[0] = 1.0
-                n = 1
-                for by in range(by0, by1 + 1):
-                    for bx in range(bx0, bx1 + 1):
-                        b = by * raster[0] + bx
-                        for e in range(bin_start[b], bin_start[b + 1]):
-                            c = bin_cell[e]
-                            # A cell reaches several bins; it counts in the first one visited.
-                            if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
-                                continue
-                            if box[c, 0] > east or box[c, 1] < west:
-                                continue
-                            if box[c, 2] > north or box[c, 3] < south:
-                                continue
-                            last = corner_x.shape[1] - 1
-                            for corner in range(corner_x.shape[1]):
-                                t = cut(
-                                    px, py, dx[k], dy[k],
-                                    corner_x[c, last], corner_y[c, last],
-                                    corner_x[c, corner], corner_y[c, corner],
-                                )  # fmt: skip
-                                if t > 0.0:
-                                    cuts = _insert(cuts, n, t)
-                                    n += 1
-                                last = corner
-                begin = 0.0
-                for e in range(n):
-                    if cuts[e] > begin:
-                        middle = 0.5 * (begin + cuts[e])
-                        c = find_cell(
-                            px + middle * dx[k], py + middle * dy[k], origin, scale,
-                            bin_start, bin_cell, box, raster, corner_x, corner_y,
+        px, py = x[k], y[k]
+        west, east = min(px, px + dx[k]), max(px, px + dx[k])
+        south, north = min(py, py + dy[k]), max(py, py + dy[k])
+        by0 = bin_of(south, origin[1], scale[1], raster[1])
+        by1 = bin_of(north, origin[1], scale[1], raster[1])
+        bx0 = bin_of(west, origin[0], scale[0], raster[0])
+        bx1 = bin_of(east, origin[0], scale[0], raster[0])
+        cuts = _insert(cuts, start[k], m, 0.0)
+        cuts = _insert(cuts, start[k], m + 1, 1.0)
+        m += 2
+        for by in range(by0, by1 + 1):
+            for bx in range(bx0, bx1 + 1):
+                b = by * raster[0] + bx
+                for e in range(bin_start[b], bin_start[b + 1]):
+                    c = bin_cell[e]
+                    # A cell reaches several bins; it counts in the first one visited.
+                    if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
+                        continue
+                    if box[c, 0] > east or box[c, 1] < west:
+                        continue
+                    if box[c, 2] > north or box[c, 3] < south:
+                        continue
+                    last = corner_x.shape[1] - 1
+                    for corner in range(corner_x.shape[1]):
+                        t = cut(
+                            px, py, dx[k], dy[k],
+                            corner_x[c, last], corner_y[c, last],
+                            corner_x[c, corner], corner_y[c, corner],
                         )  # fmt: skip
-                        if c >= 0:
-                            cell, share = append(cell, share, m, c, cuts[e] - begin)
+                        if t > 0.0:
+                            cuts = _insert(cuts, start[k], m, t)
                             m += 1
-                        begin = cuts[e]
+                        last = corner
         start[k + 1] = m
-    return start, cell[:m], share[:m]
+    return cuts
+
+
+def branch_shares(
+    grid: Grid, x: np.ndarray, y: np.ndarray, dx: np.ndarray, dy: np.ndarray, period: Period
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Share of the length of each branch in the cells that it crosses: branch, cell, share.
+
+    A piece between two cuts belongs to the cell that holds its middle, so a piece along an edge
+    counts once, and all pieces add up to the branch; those outside the grid are left out.
+    """
+    half_x, half_y = 0.5 * dx, 0.5 * dy
+    _, branch, image_x, image_y = images(
+        grid, x + half_x, y + half_y, np.abs(half_x), np.abs(half_y), period
+    )
+    dx, dy = dx[branch], dy[branch]
+    image_x, image_y = image_x - 0.5 * dx, image_y - 0.5 * dy
+    start = np.zeros(branch.size + 1, np.int64)
+    cuts = _cut_branches(
+        *grid.bins, grid.corner_x, grid.corner_y, image_x, image_y, dx, dy,
+        start, np.empty(8 * branch.size),
+    )  # fmt: skip
+    begin, end = cuts[: start[-1] - 1], cuts[1 : start[-1]]
+    piece = np.flatnonzero(end > begin)  # from one branch to the next the cuts fall back to 0
+    image = np.searchsorted(start, piece, side="right") - 1
+    middle = 0.5 * (begin[piece] + end[piece])
+    cell = grid.locate(image_x[image] + middle * dx[image], image_y[image] + middle * dy[image])
+    share = end[piece] - begin[piece]
+    inside = cell >= 0
+    return branch[image[inside]], cell[inside], share[inside]
 
 
 def internal_stress(
@@ -327,11 +329,7 @@ def internal_stress(
         for k in np.flatnonzero(~np.isfinite(values)):
             raise InputError(f"contact {k}: {name} = {values[k]}: must be finite")
     x, y, dx, dy, fx, fy = arrays
-    start, cell, share = _branch_shares(
-        *grid.bins, grid.corner_x, grid.corner_y, grid.bounds,
-        x, y, dx, dy, *check_period(grid, period),
-    )  # fmt: skip
-    contact = _floe(start)
+    contact, cell, share = branch_shares(grid, x, y, dx, dy, period)
     outside_share = 1.0 - np.bincount(contact, weights=share, minlength=x.size)
     outside_share[np.abs(outside_share) <= 1e-13] = 0.0  # round-off of a branch that lies inside
     stress, outside = [], []

@@ -27,14 +27,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
 import numpy as np
 
 import floebmi
+from floebmi.coast import land_geometry
 from floebmi.errors import InputError, choose
-from floebmi.grid import Grid
 from floebmi.projection import check_projection, to_lonlat
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
+    import shapely
     from netCDF4 import Dataset
 
+    from floebmi.grid import Grid
     from floebmi.model import Model
 
 EPOCH = "2000-01-01 00:00:00"  # for runs without a date; `time:epoch` then says "arbitrary"
@@ -54,7 +56,7 @@ _FLAGS = {
 class _Place(NamedTuple):
     """A grid as it stands in a file: the dimensions of its fields, and their common attributes."""
 
-    grid: Grid
+    grid: "Grid"
     dimensions: tuple[str, ...]
     attributes: dict[str, str]
 
@@ -121,7 +123,7 @@ class GriddedWriter(_GrowingFile):
     calendar : CF calendar of the reference
     projection : the plane of x and y [m], such as "EPSG:3413" (see projection.py); then latitude and
         longitude are written too
-    land : rings of land polygons, arrays of shape (k, 2) [m]
+    land : rings of shape (k, 2) [m], as in `coast.Coast.polygons`
     names : short names of the variables to write (see variables.py); None: all that the model has
     overwrite : whether an existing file may be replaced
 
@@ -129,7 +131,7 @@ class GriddedWriter(_GrowingFile):
     ------
     InputError
         if the file exists already, its folder does not, or an attribute, a date, a projection or a name is
-        unusable.  Nothing is written then.
+        unusable, or a ring is none.  Nothing is written then.
     """
 
     def __init__(
@@ -148,7 +150,7 @@ class GriddedWriter(_GrowingFile):
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
-        self._land = _rings(land)
+        self._land = land_geometry(land)
         self._attributes = _global_attributes(model, attributes, "gridded")
         self._rows = _rows_of(model, names)
         self._before = model.time, _impulses(model)
@@ -243,7 +245,7 @@ class TrajectoryWriter(_GrowingFile):
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
-        self._land = _rings(land)
+        self._land = land_geometry(land)
         self._attributes = _global_attributes(model, attributes, "trajectories")
         self._attributes["featureType"] = "trajectory"
         constant = {"radius", "thickness", "motion"}
@@ -449,41 +451,54 @@ def _geographic(projection: str, x: np.ndarray, y: np.ndarray) -> dict[str, np.n
     return {"latitude": latitude, "longitude": longitude}
 
 
-def _rings(land: Sequence[np.ndarray]) -> list[np.ndarray]:
-    rings = [np.asarray(ring, np.float64) for ring in land]
-    for k, ring in enumerate(rings):
-        if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3 or not np.isfinite(ring).all():
-            raise InputError(
-                f"land ring {k} has shape {ring.shape}: must be (k, 2), k >= 3, and finite"
-            )
-    return rings
+def _define_land(data: "Dataset", land: "shapely.Geometry") -> None:
+    """Land as CF polygons (CF 7.5): shores counter-clockwise, lakes clockwise."""
+    import shapely
 
-
-def _define_land(data: "Dataset", rings: list[np.ndarray]) -> None:
-    """Land polygons as CF geometries (CF 7.5)."""
-    if not rings:
+    shapes = [shapely.geometry.polygon.orient(part) for part in shapely.get_parts(land)]
+    if not shapes:
         return
-    data.createDimension("land", len(rings))
-    data.createDimension("land_node", sum(map(len, rings)))
+    rings = [shapely.get_rings(shape) for shape in shapes]
+    nodes = [shapely.get_coordinates(ring) for of_shape in rings for ring in of_shape]
+    data.createDimension("land", len(shapes))
+    data.createDimension("land_ring", len(nodes))
+    data.createDimension("land_node", sum(map(len, nodes)))
     _container(
         data,
         "land_polygons",
         {
             "geometry_type": "polygon",
-            "node_count": "land_node_count",
             "node_coordinates": "land_x land_y",
+            "node_count": "land_node_count",
+            "part_node_count": "land_ring_node_count",
+            "interior_ring": "land_interior_ring",
         },
     )
-    count = data.createVariable("land_node_count", "i4", ("land",))
-    count.long_name = "number of corners of each land polygon"
-    count[:] = [len(ring) for ring in rings]
-    for axis, values in zip("xy", np.concatenate(rings).T, strict=True):
+    for name, dimension, text, values in (
+        (
+            "node_count",
+            "land",
+            "corners of each piece of land",
+            map(shapely.count_coordinates, shapes),
+        ),
+        ("ring_node_count", "land_ring", "corners of each ring", map(len, nodes)),
+        (
+            "interior_ring",
+            "land_ring",
+            "0 for a shore, 1 for the shore of a lake",
+            (int(k > 0) for of_shape in rings for k in range(len(of_shape))),
+        ),
+    ):
+        variable = data.createVariable(f"land_{name}", "i4", (dimension,), fill_value=False)
+        variable.long_name = text
+        variable[:] = list(values)
+    for axis, values in zip("xy", np.concatenate(nodes).T, strict=True):
         corner = data.createVariable(f"land_{axis}", "f8", ("land_node",))
         corner.setncatts({"axis": axis.upper(), "units": "m", "long_name": "corner of land"})
         corner[:] = values
 
 
-def _define_grid(data: "Dataset", grid: Grid, suffix: str, projection: str | None) -> _Place:
+def _define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | None) -> _Place:
     """Dimensions, coordinates, bounds, areas and mask of a grid."""
     if grid.kind == "unstructured":
         dimensions = (f"cell{suffix}",)
@@ -527,7 +542,7 @@ def _centre(axis: str) -> dict[str, str]:
 
 
 def _define_edges(
-    data: "Dataset", grid: Grid, suffix: str, dimensions: tuple[str, ...]
+    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...]
 ) -> dict[str, str]:
     ny, nx = grid.shape
     centres = {"y": grid.y.reshape(ny, nx)[:, 0], "x": grid.x.reshape(ny, nx)[0]}
@@ -542,7 +557,7 @@ def _define_edges(
 
 
 def _define_corners(
-    data: "Dataset", grid: Grid, suffix: str, dimensions: tuple[str, ...]
+    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...]
 ) -> dict[str, str]:
     data.createDimension(f"corner{suffix}", 4)
     for axis in "xy":
@@ -556,7 +571,7 @@ def _define_corners(
 
 
 def _define_mesh(
-    data: "Dataset", grid: Grid, suffix: str, dimensions: tuple[str, ...]
+    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...]
 ) -> dict[str, str]:
     """Polygons by the UGRID conventions."""
     (cell,) = dimensions
@@ -618,7 +633,7 @@ def _storage(size: int, shape: tuple[int, ...]) -> dict[str, Any]:
     return {"chunksizes": (CHUNK // size, *shape)}
 
 
-def _grid_of(model: "Model", row: Variable) -> Grid:
+def _grid_of(model: "Model", row: Variable) -> "Grid":
     fluid = {"ocean": model.ocean, "atmosphere": model.atmosphere}.get(row.grid)
     return model.grid if fluid is None else fluid.grid
 

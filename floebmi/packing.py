@@ -33,6 +33,7 @@ SKIN = 0.6  # of the pair list, in median radii
 NARROW = 1.05  # floes whose radii differ by less than this factor are shaken, not swapped
 SHAKE = 0.7  # in mean overlaps
 SWEEPS = 6000  # after which a packing is given up
+ATTEMPTS, FEW = 5, 1000  # packings are tried again where there are few floes
 CLASS = 4.0  # floes within this ratio of radii are laid together
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
 CLOSE_ENOUGH = 0.005  # relative error of the concentration that is still what was asked for
@@ -131,8 +132,12 @@ def scatter(
     ground = _ground(domain, barrier, len(radius))
     ground.ice[ground.group >= 0] = 1.0
     ground.ice[:] *= filled * room / max(ground.ice.sum(), 1.0)
-    x, y, _ = _pack(radius, ground, barrier, domain, rng)
-    left = _unplaced(x, y, radius, barrier, domain)
+    for _ in range(ATTEMPTS):
+        x, y, _ = _pack(radius, ground, barrier, domain, rng)
+        left = _unplaced(x, y, radius, barrier, domain)
+        # few floes jam by chance, many do so because there is no room
+        if not left.any() or len(radius) > FEW:
+            break
     if left.any():
         raise InputError(
             f"{asked}: {np.count_nonzero(left)} of {len(left)} floes do not fit; choose less, or "
@@ -677,19 +682,18 @@ def _draw_area(
         radius = np.concatenate([radius, sizes.draw(more, rng)])
         total = np.concatenate([[0.0], np.cumsum(np.pi * radius**2)])
     count = int(np.argmin(abs(total - area)))
-    radius = radius[:count]
     if not strict or abs(total[count] - area) <= CLOSE_ENOUGH * area:
-        return radius
+        return radius[:count]
     # few floes: let the last one fill what the others leave
-    for count in range(count + 1, max(count - 2, 0), -1):
+    for others in (count, max(count - 1, 0)):
         last = sizes.draw(1000, rng)
-        error = total[count - 1] + np.pi * last**2 - area
-        best = int(np.argmin(abs(error)))
-        if abs(error[best]) <= CLOSE_ENOUGH * area:
-            return np.append(radius[: count - 1], last[best])
+        error = abs(total[others] + np.pi * last**2 - area)
+        best = int(np.argmin(error))
+        if error[best] <= CLOSE_ENOUGH * area:
+            return np.append(radius[:others], last[best])
     raise InputError(
-        f"no number of floes of these sizes comes within 0.5 % of {area:.4g} m² ({len(radius)} floes: "
-        f"{float(np.pi * np.sum(radius**2)) / area - 1:+.1%}); give a count, or smaller floes"
+        f"no number of floes of these sizes comes within 0.5 % of {area:.4g} m² ({count} floes: "
+        f"{total[count] / area - 1:+.1%}); give a count, or smaller floes"
     )
 
 
@@ -892,7 +896,8 @@ def _press(
     all_x, all_y, size = (np.concatenate(pair) for pair in zip((x, y, radius), discs.T, strict=True))
     pressed = size.copy()
     pressed[:n] *= 1 + SPARE
-    import os; mobile = np.concatenate([free * radius**-float(os.environ.get('WEXP','1')), np.zeros(len(discs))])
+    mobile = np.zeros(len(all_x))
+    movable = np.concatenate([free, np.zeros(len(discs), bool)])
     box = np.array(
         [
             at if getattr(domain, edge) in walls else far
@@ -915,16 +920,18 @@ def _press(
         if moved + grown >= skin / 2:
             _wrap(all_x[:n], all_y[:n], domain)
             _, i, j = find_pairs(all_x, all_y, pressed + skin / 2, domain.period)
-            i, j = _some_free(i, j, mobile > 0)
+            i, j = _some_free(i, j, movable)
+            # a small floe gives way to a large one, but not so much that it is caught between two
+            mobile[:n] = free / size[:n]
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
         steps, worst, moved = _push(
             all_x, all_y, pressed, mobile, i, j, lengths, box, n, start_x, start_y,
             skin / 2 - grown, SPARE, every - done % every,
         )  # fmt: skip
         done += steps
-        if worst < SPARE and moved + grown < skin / 2:
-            if _worst(all_x, all_y, size, n, i, j, lengths) <= 0.0:
-                break
+        complete = moved + grown < skin / 2  # no pair has come near that is not in the list
+        if worst < SPARE and complete and _worst(all_x, all_y, size, n, i, j, lengths) <= 0.0:
+            break
         if rng is not None and done % every == 0:
             _squeeze(all_x, all_y, pressed, i, j, lengths, squeezed)
             if narrow:
@@ -936,7 +943,7 @@ def _press(
     _wrap(all_x[:n], all_y[:n], domain)
     x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
     _, i, j = find_pairs(all_x, all_y, size, domain.period)
-    i, j = _some_free(i, j, mobile > 0)
+    i, j = _some_free(i, j, movable)
     return _worst(all_x, all_y, size, n, i, j, lengths)
 
 

@@ -489,18 +489,18 @@ def _save(figure: "Figure", to: str | Path | None) -> "Figure":
 
 def _draw_land(axes: "Axes", view: _View) -> None:
     """Land polygons if the file has them, else the dry cells."""
-    from matplotlib.collections import PolyCollection
     from matplotlib.colors import ListedColormap, Normalize
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
 
-    unit = view.length[0]
-    if "land_node_count" in view.data.variables:
-        counts = view.data["land_node_count"][:]
-        nodes = np.stack([view.data["land_x"][:], view.data["land_y"][:]], axis=1) / unit
-        rings = np.split(nodes, np.cumsum(counts)[:-1])
-        axes.add_collection(
-            PolyCollection(rings, facecolor=LAND, edgecolor=COAST, linewidth=0.6, zorder=2),
-            autolim=False,
-        )
+    if "land_polygons" in view.data.variables:
+        nodes = np.stack([view.data[f"land_{a}"][:] for a in "xy"], axis=1) / view.length[0]
+        codes = np.full(len(nodes), Outline.LINETO, Outline.code_type)
+        ends = np.cumsum(view.data["land_ring_node_count"][:])
+        codes[ends - 1] = Outline.CLOSEPOLY
+        codes[0] = codes[ends[:-1]] = Outline.MOVETO
+        shores = Outline(nodes, codes)  # lakes run the other way round, which leaves them open
+        axes.add_patch(PathPatch(shores, facecolor=LAND, edgecolor=COAST, linewidth=0.6, zorder=2))
     elif view.gridded is not None and "land_mask" in view.gridded.variables:
         mask = view.gridded["land_mask"]
         dry = np.where(mask[:] == 1, 1.0, np.nan)
@@ -739,10 +739,11 @@ class _FloePicture:
         else:
             scale = self._bar.scale
             look = {"cmap": scale.cmap, "norm": scale.norm, "array": self._values(k)}
-        pixels = (
-            np.median(radius[ice]) / self._view.length[0] * self._per_unit() if ice.any() else 0
-        )
-        edge = {"edgecolor": INK, "linewidth": float(np.clip(0.05 * pixels, 0.0, 0.5))}
+        usual = np.median(radius[ice]) / self._view.length[0] if ice.any() else 0.0
+        pixels = usual * self._per_unit()
+        edge: dict[str, Any] = {"edgecolor": "none"}  # outlines would hide floes of a few pixels
+        if pixels > 3.0:
+            edge = {"edgecolor": INK, "linewidth": min(0.05 * pixels, 0.5)}
         self._moving.append(self._circles(x, y, radius, ice, **look, **edge))
         self._moving += _draw_wind(self.axes, self._view, k)
         if self._arrows is not None:

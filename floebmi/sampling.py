@@ -26,7 +26,7 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
-from floebmi.grid import Grid, bin_of, column, find_cell
+from floebmi.grid import Grid, bin_of, blocks, column
 from floebmi.kernels import jit
 
 Period = tuple[float | None, float | None]
@@ -50,17 +50,6 @@ class Weights(NamedTuple):
 
 
 @jit
-def images(low, high, reach, x, period):
-    """First and last multiple of the period at which a floe at x reaches the grid low … high."""
-    if period <= 0.0:
-        return 0, 0
-    return (
-        math.ceil((low - reach - x) / period),
-        math.floor((high + reach - x) / period),
-    )
-
-
-@jit
 def append(cell, value, m, c, amount):
     """Put an entry at place m; the arrays double when they are full."""
     if m == cell.size:
@@ -76,100 +65,76 @@ def append(cell, value, m, c, amount):
 
 
 @jit
-def _overlap_rectangles(
-    x_edges, x_first, y_edges, y_first, keep, x, y, radius, period_x, period_y
-):
-    """Areas of discs in the kept cells of a rectilinear grid: start, cell, area."""
+def _overlap_rectangles(x_edges, x_first, y_edges, y_first, keep, x, y, radius, start, cell, area):
+    """Areas of discs in the kept cells of a rectilinear grid: fills start, returns cell, area."""
     nx = x_edges.size - 1
-    start = np.zeros(x.size + 1, np.int64)
-    cell = np.empty(8 * x.size, np.int64)
-    area = np.empty(8 * x.size, np.float64)
     west = np.empty(nx + 1)  # H of the grid lines that cross the disc
     below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
     above = np.empty(nx + 1)
     m = start[0]
     for k in range(x.size):
-        r = radius[k]
+        cx, cy, r = x[k], y[k], radius[k]
         least = ROUND_OFF * math.pi * r * r
-        first_x, last_x = images(x_edges[0], x_edges[-1], r, x[k], period_x)
-        first_y, last_y = images(y_edges[0], y_edges[-1], r, y[k], period_y)
-        for image_y in range(first_y, last_y + 1):
-            cy = y[k] + image_y * period_y
-            if cy + r <= y_edges[0] or cy - r >= y_edges[-1]:
-                continue
-            j0 = column(y_edges, y_first, max(cy - r, y_edges[0]))
-            j1 = column(y_edges, y_first, min(cy + r, y_edges[-1]))
-            for image_x in range(first_x, last_x + 1):
-                cx = x[k] + image_x * period_x
-                if cx + r <= x_edges[0] or cx - r >= x_edges[-1]:
+        i0 = column(x_edges, x_first, cx - r)
+        i1 = column(x_edges, x_first, cx + r)
+        j0 = column(y_edges, y_first, cy - r)
+        j1 = column(y_edges, y_first, cy + r)
+        for i in range(i0, i1 + 2):
+            west[i] = disc_west(x_edges[i] - cx, r)
+        for j in range(j0, j1 + 2):
+            dy = y_edges[j] - cy
+            south = disc_west(dy, r)
+            for i in range(i0, i1 + 2):
+                above[i] = disc_south_west(x_edges[i] - cx, dy, west[i], south, r)
+            for i in range(i0, i1 + 1):
+                if j == j0 or not keep[(j - 1) * nx + i]:
                     continue
-                i0 = column(x_edges, x_first, max(cx - r, x_edges[0]))
-                i1 = column(x_edges, x_first, min(cx + r, x_edges[-1]))
-                for i in range(i0, i1 + 2):
-                    west[i] = disc_west(x_edges[i] - cx, r)
-                for j in range(j0, j1 + 2):
-                    dy = y_edges[j] - cy
-                    south = disc_west(dy, r)
-                    for i in range(i0, i1 + 2):
-                        above[i] = disc_south_west(x_edges[i] - cx, dy, west[i], south, r)
-                    for i in range(i0, i1 + 1):
-                        if j == j0 or not keep[(j - 1) * nx + i]:
-                            continue
-                        far_x = max(x_edges[i + 1] - cx, cx - x_edges[i])
-                        far_y = max(dy, cy - y_edges[j - 1])
-                        if far_x * far_x + far_y * far_y < r * r:  # the cell lies in the disc
-                            amount = (x_edges[i + 1] - x_edges[i]) * (y_edges[j] - y_edges[j - 1])
-                        else:
-                            amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
-                        if amount > least:
-                            cell, area = append(cell, area, m, (j - 1) * nx + i, amount)
-                            m += 1
-                    below, above = above, below
+                far_x = max(x_edges[i + 1] - cx, cx - x_edges[i])
+                far_y = max(dy, cy - y_edges[j - 1])
+                if far_x * far_x + far_y * far_y < r * r:  # the cell lies in the disc
+                    amount = (x_edges[i + 1] - x_edges[i]) * (y_edges[j] - y_edges[j - 1])
+                else:
+                    amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
+                if amount > least:
+                    cell, area = append(cell, area, m, (j - 1) * nx + i, amount)
+                    m += 1
+            below, above = above, below
         start[k + 1] = m
-    return start, cell[:m], area[:m]
+    return cell, area
 
 
 @jit
 def _overlap_polygons(
-    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y, bounds,
-    keep, x, y, radius, period_x, period_y,
+    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y,
+    keep, x, y, radius, start, cell, area,
 ):  # fmt: skip
-    """Areas of discs in the kept cells of any grid: start, cell, area."""
-    start = np.zeros(x.size + 1, np.int64)
-    cell = np.empty(8 * x.size, np.int64)
-    area = np.empty(8 * x.size, np.float64)
+    """Areas of discs in the kept cells of any grid: fills start, returns cell, area."""
     m = start[0]
     for k in range(x.size):
-        r = radius[k]
+        cx, cy, r = x[k], y[k], radius[k]
         least = ROUND_OFF * math.pi * r * r
-        first_x, last_x = images(bounds[0], bounds[1], r, x[k], period_x)
-        first_y, last_y = images(bounds[2], bounds[3], r, y[k], period_y)
-        for image_y in range(first_y, last_y + 1):
-            cy = y[k] + image_y * period_y
-            by0 = bin_of(cy - r, origin[1], scale[1], raster[1])
-            by1 = bin_of(cy + r, origin[1], scale[1], raster[1])
-            for image_x in range(first_x, last_x + 1):
-                cx = x[k] + image_x * period_x
-                bx0 = bin_of(cx - r, origin[0], scale[0], raster[0])
-                bx1 = bin_of(cx + r, origin[0], scale[0], raster[0])
-                for by in range(by0, by1 + 1):
-                    for bx in range(bx0, bx1 + 1):
-                        b = by * raster[0] + bx
-                        for e in range(bin_start[b], bin_start[b + 1]):
-                            c = bin_cell[e]
-                            # A cell reaches several bins; it counts in the first one visited.
-                            if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
-                                continue
-                            dx = max(box[c, 0] - cx, 0.0, cx - box[c, 1])
-                            dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
-                            if not keep[c] or dx * dx + dy * dy >= r * r:
-                                continue
-                            amount = disc_polygon(corner_x[c], corner_y[c], cx, cy, r)
-                            if amount > least:
-                                cell, area = append(cell, area, m, c, amount)
-                                m += 1
+        by0 = bin_of(cy - r, origin[1], scale[1], raster[1])
+        by1 = bin_of(cy + r, origin[1], scale[1], raster[1])
+        bx0 = bin_of(cx - r, origin[0], scale[0], raster[0])
+        bx1 = bin_of(cx + r, origin[0], scale[0], raster[0])
+        for by in range(by0, by1 + 1):
+            for bx in range(bx0, bx1 + 1):
+                b = by * raster[0] + bx
+                for e in range(bin_start[b], bin_start[b + 1]):
+                    c = bin_cell[e]
+                    # A cell reaches several bins; it counts in the first one visited.
+                    if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
+                        continue
+                    dx = max(box[c, 0] - cx, 0.0, cx - box[c, 1])
+                    dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
+                    if not keep[c] or dx * dx + dy * dy >= r * r:
+                        continue
+                    amount = disc_polygon(corner_x[c], corner_y[c], cx, cy, r)
+                    if amount > least:
+                        cell, area = append(cell, area, m, c, amount)
+                        m += 1
         start[k + 1] = m
-    return start, cell[:m], area[:m]
+    return cell, area
 
 
 @jit
@@ -180,89 +145,6 @@ def _normalise(start, weight):
             total += weight[m]
         for m in range(start[k], start[k + 1]):
             weight[m] /= total
-
-
-@jit
-def _around(edges, first, x, wraps):
-    """The columns whose centres stand left and right of x, and the share of the right one.
-
-    Beyond the last centre there is one column only, unless the grid wraps around.
-    """
-    last = edges.size - 2
-    i = column(edges, first, x)
-    centre = 0.5 * (edges[i] + edges[i + 1])
-    left, right = (i - 1, i) if x < centre else (i, i + 1)
-    if (left < 0 or right > last) and not wraps:
-        return i, i, 0.0
-    span = edges[-1] - edges[0]
-    left_shift = span if left < 0 else 0.0
-    right_shift = span if right > last else 0.0
-    left, right = left % (last + 1), right % (last + 1)
-    left_centre = 0.5 * (edges[left] + edges[left + 1]) - left_shift
-    right_centre = 0.5 * (edges[right] + edges[right + 1]) + right_shift
-    if right_centre <= left_centre:  # one column that wraps onto itself
-        return i, i, 0.0
-    return left, right, (x - left_centre) / (right_centre - left_centre)
-
-
-@jit
-def _bilinear(
-    x_edges, x_first, y_edges, y_first, wet, x, y, period_x, period_y, wraps_x, wraps_y
-):
-    """Bilinear weights of points between cell centres, dry cells left out: start, cell, weight."""
-    start = np.zeros(x.size + 1, np.int64)
-    cell = np.empty(4 * x.size, np.int64)
-    weight = np.empty(4 * x.size, np.float64)
-    nx = x_edges.size - 1
-    m = start[0]
-    for k in range(x.size):
-        px, py = x[k], y[k]
-        if period_x > 0.0:
-            px -= period_x * math.floor((px - x_edges[0]) / period_x)
-        if period_y > 0.0:
-            py -= period_y * math.floor((py - y_edges[0]) / period_y)
-        if x_edges[0] <= px <= x_edges[-1] and y_edges[0] <= py <= y_edges[-1]:
-            i0, i1, s = _around(x_edges, x_first, px, wraps_x)
-            j0, j1, t = _around(y_edges, y_first, py, wraps_y)
-            for c, w in (
-                (j0 * nx + i0, (1.0 - s) * (1.0 - t)),
-                (j0 * nx + i1, s * (1.0 - t)),
-                (j1 * nx + i0, (1.0 - s) * t),
-                (j1 * nx + i1, s * t),
-            ):
-                if w > 0.0 and wet[c]:
-                    cell[m] = c
-                    weight[m] = w
-                    m += 1
-        start[k + 1] = m
-    return start, cell[:m], weight[:m]
-
-
-@jit
-def _containing(
-    origin, scale, bin_start, bin_cell, box, raster, corner_x, corner_y, bounds,
-    wet, x, y, period_x, period_y,
-):  # fmt: skip
-    """The wet cell that holds each point: start, cell, weight."""
-    start = np.zeros(x.size + 1, np.int64)
-    cell = np.empty(x.size, np.int64)
-    m = start[0]
-    for k in range(x.size):
-        found = -1
-        first_x, last_x = images(bounds[0], bounds[1], 0.0, x[k], period_x)
-        first_y, last_y = images(bounds[2], bounds[3], 0.0, y[k], period_y)
-        for image_y in range(first_y, last_y + 1):
-            for image_x in range(first_x, last_x + 1):
-                if found < 0:
-                    found = find_cell(
-                        x[k] + image_x * period_x, y[k] + image_y * period_y, origin, scale,
-                        bin_start, bin_cell, box, raster, corner_x, corner_y,
-                    )  # fmt: skip
-        if found >= 0 and wet[found]:
-            cell[m] = found
-            m += 1
-        start[k + 1] = m
-    return start, cell[:m], np.ones(m)
 
 
 @jit
@@ -320,6 +202,41 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
     return float(period[0] or 0.0), float(period[1] or 0.0)
 
 
+def _repeats(
+    low: float, high: float, reach: np.ndarray | float, x: np.ndarray, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First multiple of the period that brings what reaches so far to low … high, and how many."""
+    if length == 0:
+        meets = (x + reach >= low) & (x - reach <= high)
+        return np.zeros(x.size, np.int64), meets.astype(np.int64)
+    first = np.ceil((low - reach - x) / length).astype(np.int64)
+    last = np.floor((high + reach - x) / length).astype(np.int64)
+    return first, np.maximum(last - first + 1, 0)
+
+
+def images(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    reach_x: np.ndarray,
+    reach_y: np.ndarray,
+    period: Period,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The repetitions of things at (x, y) that meet the grid's bounding box, reaching so far [m].
+
+    Returns
+    -------
+    start (n + 1,), thing (m,), x (m,), y (m,): images start[k]:start[k + 1] are those of thing k;
+    without periods, itself or none
+    """
+    length_x, length_y = check_period(grid, period)
+    west, east, south, north = grid.bounds
+    first_x, count_x = _repeats(west, east, reach_x, x, length_x)
+    first_y, count_y = _repeats(south, north, reach_y, y, length_y)
+    start, thing, image_x, image_y = blocks(first_x, count_x, first_y, count_y)
+    return start, thing, x[thing] + image_x * length_x, y[thing] + image_y * length_y
+
+
 def overlap_areas(
     grid: Grid,
     x: np.ndarray,
@@ -330,14 +247,70 @@ def overlap_areas(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Exact areas [m²] of discs in the wet cells, or in all cells: start, cell, area by floe."""
     x, y, radius = check_floes(x, y, radius)
+    image, floe, x, y = images(grid, x, y, radius, radius, period)
     keep = grid.wet | (not only_wet)  # a fresh array in both cases: one type, compiled once
-    lengths = check_period(grid, period)
+    start = np.zeros(x.size + 1, np.int64)
+    room = np.empty(8 * x.size, np.int64), np.empty(8 * x.size)
     if grid.x_edges is not None:
-        return _overlap_rectangles(*grid.axes, keep, x, y, radius, *lengths)
-    return _overlap_polygons(
-        *grid.bins, grid.corner_x, grid.corner_y, grid.bounds,
-        keep, x, y, radius, *lengths,
-    )  # fmt: skip
+        cell, area = _overlap_rectangles(*grid.axes, keep, x, y, radius[floe], start, *room)
+    else:
+        cell, area = _overlap_polygons(
+            *grid.bins, grid.corner_x, grid.corner_y, keep, x, y, radius[floe], start, *room
+        )
+    return start[image], cell[: start[-1]], area[: start[-1]]
+
+
+def _around(
+    edges: np.ndarray, i: np.ndarray, x: np.ndarray, wraps: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns whose centres stand left and right of x in column i, and the share of the right one.
+
+    Beyond the last centre there is one column only, unless the grid wraps around.
+    """
+    count = edges.size - 1
+    centre = 0.5 * (edges[:-1] + edges[1:])
+    span = edges[-1] - edges[0]
+    centre = np.concatenate([centre[-1:] - span, centre, centre[:1] + span])  # column i at i + 1
+    left = np.where(x < centre[i + 1], i - 1, i)
+    share = (x - centre[left + 1]) / (centre[left + 2] - centre[left + 1])
+    right = left + 1
+    if wraps:
+        return left % count, right % count, share
+    return np.maximum(left, 0), np.minimum(right, count - 1), share
+
+
+def _bilinear(
+    grid: Grid, x: np.ndarray, y: np.ndarray, cell: np.ndarray, wraps: tuple[bool, bool]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Four cells around each point, which is in `cell`, and their bilinear weights: (n, 4) each."""
+    nx = grid.shape[1]
+    i0, i1, s = _around(grid.x_edges, cell % nx, x, wraps[0])
+    j0, j1, t = _around(grid.y_edges, cell // nx, y, wraps[1])
+    cells = np.stack([j0 * nx + i0, j0 * nx + i1, j1 * nx + i0, j1 * nx + i1], axis=1)
+    weights = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+    return cells, weights
+
+
+def _centre_weights(
+    grid: Grid, x: np.ndarray, y: np.ndarray, period: Period
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights by the cells at floe centres, dry ones left out, not yet summing to 1."""
+    _, floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
+    cell = grid.locate(image_x, image_y)
+    held, first = np.unique(floe[cell >= 0], return_index=True)
+    place = np.flatnonzero(cell >= 0)[first]  # one image of each floe, though two may touch the rim
+    cells, weights = cell[place, None], np.ones((held.size, 1))
+    if grid.x_edges is not None:
+        west, east, south, north = grid.bounds
+        wraps = tuple(
+            length is not None and abs(extent - length) <= 1e-9 * extent
+            for length, extent in zip(period, (east - west, north - south), strict=True)
+        )
+        cells, weights = _bilinear(grid, image_x[place], image_y[place], cell[place], wraps)
+    keep = grid.wet[cells] & (weights > 0)
+    entries = np.zeros(x.size, np.int64)
+    entries[held] = keep.sum(axis=1)
+    return np.concatenate([[0], np.cumsum(entries)]), cells[keep], weights[keep]
 
 
 def floe_weights(
@@ -370,21 +343,8 @@ def floe_weights(
     if accuracy != "centre":
         raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
     x, y, radius = check_floes(x, y, radius)
-    lengths = check_period(grid, period)
-    if grid.x_edges is not None:
-        extents = grid.x_edges[-1] - grid.x_edges[0], grid.y_edges[-1] - grid.y_edges[0]
-        wraps = (
-            abs(extent - length) <= 1e-9 * extent
-            for extent, length in zip(extents, lengths, strict=True)
-        )
-        start, cell, weight = _bilinear(*grid.axes, grid.wet, x, y, *lengths, *wraps)
-        _normalise(start, weight)
-    else:
-        b = grid.bins
-        start, cell, weight = _containing(
-            b.origin, b.scale, b.start, b.cell, b.box, b.raster,
-            grid.corner_x, grid.corner_y, grid.bounds, grid.wet, x, y, *lengths,
-        )  # fmt: skip
+    start, cell, weight = _centre_weights(grid, x, y, period)
+    _normalise(start, weight)
     return Weights(start, cell, weight, grid.size)
 
 

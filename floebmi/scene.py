@@ -753,13 +753,14 @@ class Scene(Table):
 
     def _coast(self, table: CoastTable, grid: Grid | None) -> "Coast":
         from floebmi import coast
-        from floebmi.forcing import read_scalar
 
         folder = self._file.parent
         if table.geojson is not None:
             return coast.from_geojson(
                 folder / table.geojson, table.radius, table.thickness, self.domain.projection
             )
+        from floebmi.forcing import read_scalar
+
         assert table.file is not None
         if grid is None or len(grid.shape) != 2:
             raise InputError("file: needs a [grid] of rows and columns, on which land is found")
@@ -780,9 +781,7 @@ class Scene(Table):
 
         seed = getattr(group, "seed", None)
         seed = self.seed + k if seed is None else seed
-        region = domain
-        if getattr(group, "x", None) or getattr(group, "y", None):
-            region = Domain(group.x or domain.x, group.y or domain.y)
+        region = _region(domain, getattr(group, "x", None), getattr(group, "y", None))
         if isinstance(group, Scatter):
             if (group.concentration is None) == (group.count is None):
                 raise InputError("give either concentration or count")
@@ -842,6 +841,15 @@ class Scene(Table):
             projection=self.domain.projection,
             start=self.time.start,
         )
+
+
+def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
+    """Part of a domain; where it is cut off, nothing is periodic."""
+    if x is not None:
+        domain = domain._replace(x=x, west="inactive", east="inactive")
+    if y is not None:
+        domain = domain._replace(y=y, south="inactive", north="inactive")
+    return domain
 
 
 def _on_land(polygons: list[np.ndarray], grid: Grid) -> np.ndarray:

@@ -1,0 +1,419 @@
+"""Scene files: from text to checked tables, and from tables to a model."""
+
+import json
+
+import numpy as np
+import pytest
+
+from floebmi import InputError, read_scene
+from floebmi.contact import Coulomb, Damsgaard2018Coulomb
+from floebmi.dynamics import Step
+from floebmi.floes import DRIVEN, FIXED
+from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
+from floebmi.scene import Scene, copy_scene
+from floebmi.scenes import packaged
+from floebmi.tables import keys
+
+TWO = """
+title = "two floes"
+contact = "frictional"
+[domain]
+x = [0, 100]
+y = [0, 100]
+[floes]
+arrangement = "list"
+each = [{x = 10, y = 50, radius = 10, u = 1}, {x = 50, y = 50, radius = 10, thickness = 2}]
+[time]
+duration = 10
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="scene.toml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def two(write):
+    return write(TWO)
+
+
+def refused(path, *overrides):
+    with pytest.raises(InputError) as error:
+        read_scene(path, overrides).build()
+    text = str(error.value)
+    assert "\n" not in text
+    return text
+
+
+# ---- errors -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("domain.x=[0,1,2]", "must be a list of 2 entries"),
+        ("domain.x=[0,true]", "must be a number"),
+        ("domian.x=3", "did you mean 'domain'?"),
+        ("domain.z=3", "unknown key; allowed: east, edges, north"),
+        ("domain.edges=peri", "allowed: closed, inactive, periodic"),
+        ("floes.each.1.radius=-3", "must be greater than 0"),
+        ("floes.each.1.radius=\"10\"", "must be a number"),
+        ("floes.each.1.radius=true", "must be a number"),
+        ("floes.each.3.radius=3", "must be 1 to 2"),
+        ("floes.each.2.radus=3", "did you mean 'radius'?"),
+        ("floes.arrangement=heap", "allowed: field, file, list, regular, scatter"),
+        ("contact=frictonal", "did you mean 'frictional'?"),
+        ("contact.frction=0.5", "did you mean 'friction'?"),
+        ("step.fraction=2", "must be at most 1"),
+        ("step.scheme=verlett", "did you mean 'verlet'?"),
+        ("time.duration=3 days", "must be a number"),
+        ("time.duration=inf", "must be a finite number"),
+        ("time.duration=0", "must be greater than 0"),
+        ("seed=1.5", "must be a whole number"),
+        ("title=3", "must be text in quotes"),
+        ("ocean.drag=damsgard2018", "did you mean 'damsgaard2018'?"),
+        ("ocean.drag.density=-1", "must be greater than 0"),
+        ("ocean.drag.densty=1", "did you mean 'density'?"),
+        ("grid.spacing=[1,2,3]", "must be a number, or a list of 2 entries"),
+        ("grid.kind=round", "allowed: curvilinear, rectilinear, uniform_rectilinear"),
+        ("walls=[{edge=\"nort\"}]", "did you mean 'north'?"),
+        ("coriolis.latitude=91", "must be at most 90"),
+        ("output=3", "must be a table of keys"),
+    ],
+)  # fmt: skip
+def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right(
+    two, override, said
+):
+    text = refused(two, override)
+    assert text.startswith(f"--set {override}: ")
+    assert said in text
+
+
+@pytest.mark.parametrize("override", ["a", "=3", "a..b=3", "time.duration=[1", 'title="x'])
+def test_an_override_that_is_no_assignment_is_refused(two, override):
+    assert refused(two, override).startswith(f"--set {override}: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[floes]\nradus = 3", '[floes] radus = 3: unknown key; allowed: arrangement'),
+        ("[floes.size]\nradius_min = 1", "[floes.size] distribution is missing; allowed: file, "),
+        (
+            '[floes.size]\ndistribution = "power_law"\nradius_min = -1\nradius_max = 2',
+            "[floes.size] radius_min = -1: must be greater than 0",
+        ),
+        (
+            '[[floes]]\narrangement="list"\neach=[]\n[[floes]]\nsize={distribution="powerlaw"}',
+            '[floes number 2.size] distribution = "powerlaw": ',
+        ),
+        ("[coast]\nradius = 3", "[coast] give either file or geojson"),
+        ("[time]\nduration = nan", "[time] duration = NaN: must be a finite number"),
+        ("[[walls]]\nposition = 3", "[walls] edge is missing"),
+        ("x = ", "not valid TOML: Invalid value (at line 4, column 5)"),
+        ("[time]\n[time]", "not valid TOML: Cannot declare"),
+        ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: [m]"),
+        ("[ocean]\nvelocity = [1, 2]\nfile = 'a'", "[ocean] velocity and file exclude each other"),
+        ("[ocean]\nu = 'uo'", "[ocean] u and v"),
+        ("[coriolis]", "[coriolis] give either parameter or latitude"),
+        ("[ice]\ndraft = 'hydrostatic'", "[ice] draft = 'hydrostatic': needs [ocean]"),
+        ("[ice]\ndraft = 2", "[ice] draft = 2: "),
+        ("[grid]\nspacing = 0.3", "[grid] grid: spacing along x = 0.3 does not divide"),
+        ("[grid]\nkind = 'curvilinear'\nfile = 'no.nc'", "[grid] file = "),
+        ("[coast]\ngeojson = 'no.json'\nradius = 1", "no.json"),
+        ('[floes]\narrangement = "file"\nfile = "no.csv"', "no.csv"),
+        ('[floes]\nsize={distribution="single",radius=0.1}', "give either concentration or count"),
+    ],
+)  # fmt: skip
+def test_a_wrong_scene_is_refused_in_one_line_with_file_table_and_key(write, text, said):
+    path = write(f"[domain]\nx = [0, 1]\ny = [0, 1]\n{text}\n")
+    found = refused(path)
+    assert found.startswith(f"{path}: ")
+    assert said in found
+
+
+def test_a_domain_without_extent_is_refused_with_its_table(write):
+    path = write("[domain]\nx = [1, 0]\ny = [0, 1]\n")
+    assert f"{path}: [domain]" in refused(path)
+
+
+def test_the_first_error_is_shown_and_the_others_are_counted(write):
+    path = write("[domain]\nx = [0, 1]\n[time]\nduration = -1\nlength = 3\n")
+    text = refused(path)
+    assert "[time] length = 3: unknown key" in text
+    assert text.endswith("(and 2 more)")
+
+
+def test_an_unknown_scene_is_refused_with_near_names(tmp_path):
+    assert "did you mean 'two-floes'" in refused("two-flos")
+    assert refused(tmp_path / "no.toml").endswith("no such file")
+    assert "folder" in refused(tmp_path.rename(tmp_path.with_suffix(".toml")))
+
+
+def test_text_that_is_not_a_scene_is_refused(write, tmp_path):
+    assert "must be tables" in refused(write("- a\n- b\n", "list.yaml"))
+    assert "not valid YAML" in refused(write("a: [1\n", "bad.yaml"))
+    assert "line 3" in refused(write("a: 1\nb: 1\na: 2\n", "twice.yaml"))
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    assert "UTF-8" in refused(binary)
+    assert "must end in" in refused(write(TWO, "scene.txt"))
+
+
+def test_a_scene_without_duration_says_how_to_give_one(write):
+    scene = read_scene(write("[domain]\nx = [0, 1]\ny = [0, 1]\n"))
+    with pytest.raises(InputError, match="--duration"):
+        scene.schedule()
+    assert scene.schedule(40.0).every == 2.0
+
+
+def test_an_exchange_interval_that_does_not_divide_the_frames_is_refused(two):
+    scene = read_scene(two, ["time.exchange=3", "output.every=10"])
+    with pytest.raises(InputError, match="must divide the time between frames, 10 s; 2.5 would"):
+        scene.schedule()
+
+
+# ---- what is read -----------------------------------------------------------------------------
+
+
+def test_toml_and_yaml_say_the_same(write, two):
+    yaml = write(
+        "title: two floes\ncontact: frictional\ndomain: {x: [0, 1e2], y: [0, 100]}\n"
+        "floes:\n  arrangement: list\n  each:\n"
+        "    - {x: 10, y: 50, radius: 1e1, u: 1}\n"
+        "    - {x: 50, y: 50, radius: 10, thickness: 2}\n"
+        "time: {duration: 10}\n",
+        "scene.yaml",
+    )
+    assert read_scene(yaml) == read_scene(two)
+
+
+def test_overrides_reach_tables_lists_and_words(two):
+    changed = read_scene(
+        two, ["floes.each.2.radius=5", "contact.friction=0.5", "title=some words", "seed=3"]
+    )
+    assert changed.floes[0].each[1].radius == 5
+    assert changed.contact_law().friction == Coulomb(0.5)
+    assert (changed.title, changed.seed) == ("some words", 3)
+    assert "# --set contact.friction=0.5" in changed.text
+    assert read_scene(two, ["floes.1.each.2.radius=5"]).floes == changed.floes
+
+
+def test_contact_in_parts_holds_only_the_parts_that_are_listed(two):
+    law = read_scene(two, ["contact={bonds = {tensile_strength = 1e5}}"]).contact_law()
+    assert law.bonds.tensile_strength == 1e5
+    assert law.friction is None
+    assert law.dashpot is None
+    assert read_scene(two, ["contact=none"]).contact_law() is None
+    law = read_scene(two, ["contact.friction.coefficient=0.1", "contact.model=parts"]).contact_law
+    with pytest.raises(InputError):
+        law()
+
+
+def test_the_preset_gives_the_papers_scheme_and_lever_arms_unless_the_scene_says_otherwise(two):
+    scene = read_scene(two, ["preset=damsgaard2018"])
+    assert scene.step_law() == Step(scheme="taylor3", epsilon=0.07)
+    assert scene.contact_law().friction == Damsgaard2018Coulomb()
+    assert scene.build().model.step.scheme == "taylor3"
+    scene = read_scene(two, ["preset=damsgaard2018", "step.scheme=taylor2", "step.epsilon=0.05"])
+    assert scene.step_law() == Step(scheme="taylor2", epsilon=0.05)
+    scene = read_scene(
+        two, ["preset=damsgaard2018", "contact={friction = {law = \"coulomb\"}}", "step.length=0.1"]
+    )
+    assert scene.contact_law().friction == Coulomb()
+    assert scene.step_law() == Step(scheme="taylor3", length=0.1)
+
+
+def test_only_the_forces_that_are_listed_are_in_the_model(two):
+    assert read_scene(two).build().model.forces == ()
+    model = read_scene(
+        two,
+        ["ocean.drag=constant-cd", "atmosphere.drag.horizontal=1e-3", "coriolis.latitude=90",
+         "body_force.x=0.1", "grid.spacing=10", "tilt.slope=[1e-6,0]"],
+    ).build().model  # fmt: skip
+    ocean, air, coriolis, tilt, body = model.forces
+    assert ocean == DRAG_PRESETS["constant-cd"][0]
+    assert air == AirDrag(horizontal=1e-3)
+    assert coriolis.parameter == pytest.approx(1.4584e-4, rel=1e-4)
+    assert (tilt.gravity, body.x) == (9.81, 0.1)
+    assert model.ocean.tilt_x[0] == 1e-6
+
+
+def test_draft_can_be_hydrostatic(two):
+    model = read_scene(two, ["ice.draft=hydrostatic", "ocean.drag=constant-cd"]).build().model
+    assert model.draft_fraction == pytest.approx(934 / 1026)
+    assert isinstance(model.forces[0], OceanDrag)
+
+
+def test_floes_are_free_fixed_driven_or_held_along_an_axis(two):
+    floes = read_scene(
+        two, ['floes.each.1.motion="driven"', 'floes.each.2.motion="fixed"']
+    ).build().model.floes  # fmt: skip
+    assert list(floes.motion) == [DRIVEN, FIXED]
+    floes = read_scene(two, ['floes.each.1.motion=["y", "rotation"]']).build().model.floes
+    assert floes.motion[0] == 6
+    assert "stands still" in refused(two, "floes.each.1.motion=fixed")
+
+
+def test_groups_of_floes_lie_in_their_regions_and_repeat_with_the_seed(write):
+    path = write(
+        """
+seed = 5
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+west = "periodic"
+east = "periodic"
+[[floes]]
+arrangement = "regular"
+radius = 10
+spacing = 25
+y = [0, 100]
+thickness = 2
+[[floes]]
+size = { distribution = "uniform", radius_min = 5, radius_max = 20 }
+concentration = 0.5
+y = [200, 1000]
+velocity = [0.5, 0]
+"""
+    )
+    floes = read_scene(path).build().model.floes
+    lattice = floes.thickness == 2
+    assert 100 < lattice.sum() < len(floes)
+    assert floes.y[lattice].max() <= 90
+    assert (floes.y - floes.radius)[~lattice].min() >= 200
+    assert set(floes.u[~lattice]) == {0.5}
+    again = read_scene(path).build().model.floes
+    other = read_scene(path, ["seed=6"]).build().model.floes
+    np.testing.assert_array_equal(floes.x, again.x)
+    assert len(other) != len(floes) or not np.array_equal(floes.x, other.x)
+
+
+def test_sizes_and_floes_come_from_files_beside_the_scene(write):
+    write("radius\n5\n6\n7\n", "sizes.csv")
+    write("x,y,radius,thickness\n50,50,5,1\n", "floes.csv")
+    path = write(
+        """
+[domain]
+x = [0, 500]
+y = [0, 500]
+[[floes]]
+size = { distribution = "file", file = "sizes.csv" }
+count = 20
+y = [100, 500]
+[[floes]]
+arrangement = "file"
+file = "floes.csv"
+"""
+    )
+    scene = read_scene(path)
+    assert scene.paths() == ["sizes.csv", "floes.csv"]
+    floes = scene.build().model.floes
+    assert len(floes) == 21
+    assert (floes.radius[:20] >= 5).all()
+    assert (floes.radius[:20] <= 7).all()
+    assert floes.x[20] == 50
+
+
+def test_a_coast_makes_cells_dry_and_keeps_floes_off_the_land(write):
+    ring = [[-100, -100], [400, -100], [400, 1100], [-100, 1100], [-100, -100]]
+    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
+    path = write(
+        """
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+[grid]
+spacing = 100
+[coast]
+geojson = "land.geojson"
+radius = 20
+[floes]
+size = { distribution = "single", radius = 20 }
+concentration = 0.3
+"""
+    )
+    built = read_scene(path).build()
+    model = built.model
+    assert model.grid.wet.reshape(10, 10)[0].tolist() == [False] * 4 + [True] * 6
+    ice = model.floes.motion == 0
+    assert (model.floes.x - model.floes.radius)[ice].min() > 399
+    assert len(built.land) == 1
+
+
+def test_grids_of_every_kind_can_be_asked_for(write, tmp_path):
+    from netCDF4 import Dataset
+
+    y, x = np.meshgrid(np.linspace(0, 100, 4), np.linspace(0, 100, 6), indexing="ij")
+    with Dataset(tmp_path / "grid.nc", "w") as data:
+        for name, size in (("j", 4), ("i", 6), ("node", 4), ("face", 1), ("corner", 4)):
+            data.createDimension(name, size)
+        for name, values, dims in (
+            ("x_corners", x, ("j", "i")), ("y_corners", y, ("j", "i")),
+            ("node_x", [0, 100, 100, 0], ("node",)), ("node_y", [0, 0, 100, 100], ("node",)),
+        ):  # fmt: skip
+            data.createVariable(name, "f8", dims)[:] = values
+        data.createVariable("face_nodes", "i4", ("face", "corner"))[:] = [[0, 1, 2, 3]]
+    scene = write(TWO)
+    for change, kind, size in (
+        (["grid.spacing=[10,20]"], "uniform_rectilinear", 50),
+        (["grid.shape=[2,5]"], "uniform_rectilinear", 10),
+        (["grid={kind='rectilinear',x_edges=[0,10,100],y_edges=[0,100]}"], "rectilinear", 2),
+        (["grid={kind='curvilinear',file='grid.nc'}"], "curvilinear", 15),
+        (["grid={kind='unstructured',file='grid.nc'}"], "unstructured", 1),
+    ):
+        grid = read_scene(scene, change).build().model.grid
+        assert (grid.kind, grid.size) == (kind, size)
+    assert "give either spacing or shape" in refused(scene, "grid.x=[0,100]")
+    assert "no variable 'x_corners'" in refused(
+        scene, "grid={kind='curvilinear',file='other.nc'}"
+    ) or "no such file" in refused(scene, "grid={kind='curvilinear',file='other.nc'}")
+
+
+def test_wind_can_have_a_grid_of_its_own(two):
+    model = read_scene(
+        two, ["grid.spacing=10", "ocean.velocity=[1,0]", "atmosphere.grid.spacing=50"]
+    ).build().model  # fmt: skip
+    assert (model.ocean.grid.size, model.atmosphere.grid.size) == (100, 4)
+
+
+# ---- the package's own scenes, and the reference ---------------------------------------------
+
+
+@pytest.mark.parametrize("name", packaged())
+def test_a_packaged_scene_is_read_without_complaint_and_its_files_are_there(name):
+    scene = read_scene(name)
+    assert scene.title
+    assert scene.schedule().duration > 0
+    for path in scene.paths():
+        assert (scene.file.parent / path).exists()
+
+
+@pytest.mark.parametrize("name", packaged())
+def test_a_copied_scene_has_its_data_beside_it(name, tmp_path):
+    files = copy_scene(name, tmp_path / "mine.toml")
+    copied = read_scene(tmp_path / "mine.toml")
+    assert copied == read_scene(name)
+    assert all((tmp_path / path).exists() for path in copied.paths())
+    assert copy_scene(name, tmp_path / "mine.toml") == files  # the same again is no loss
+    (tmp_path / "mine.toml").write_text("edited")
+    with pytest.raises(InputError, match="exists already"):
+        copy_scene(name, tmp_path / "mine.toml")
+    copy_scene(name, tmp_path / "mine.toml", force=True)
+    assert read_scene(tmp_path / "mine.toml") == copied
+
+
+def test_every_key_of_a_scene_is_described():
+    rows = list(keys(Scene))
+    assert len(rows) > 100
+    bare = {f"{table}.{key}" for table, key, _, text in rows if not text}
+    undocumented_laws = {row for row in bare if not row.startswith(("contact.", "floes.size."))}
+    assert not {row for row in undocumented_laws if row.count(".") < 2 and "." in row} - {
+        "domain.west", "domain.east", "domain.south", "domain.north", "body_force.x", "body_force.y"
+    }  # fmt: skip
