@@ -182,7 +182,17 @@ def couple(
         failed.  The line says when and where the floes' state is.
     """
     coupling = Coupling(
-        host, floes, every, to_floes, to_host, units, host_grids, floes_grids, regrids, offset, rescue
+        host,
+        floes,
+        every,
+        to_floes,
+        to_host,
+        units,
+        host_grids,
+        floes_grids,
+        regrids,
+        offset,
+        rescue,
     )
     return coupling.run(until, show)
 
@@ -453,9 +463,7 @@ class Coupling:
         """Running totals that the models offer [N s]."""
         totals = {}
         for side in (self.host, self.floes):
-            ends = [
-                name for name in side.outputs if name.endswith(MOMENTUM.format(a="x"))
-            ]
+            ends = [name for name in side.outputs if name.endswith(MOMENTUM.format(a="x"))]
             if len(ends) == 1:
                 totals[side.name] = side.pair(ends[0][: -len(MOMENTUM.format(a="x"))] + MOMENTUM)
         found = [name for name in OTHERS if name.format(a="x") in self.floes.outputs]
@@ -647,9 +655,7 @@ class _Connection:
     def put(self, values: np.ndarray) -> None:
         self.taker.set(self.target, values)
 
-    def force(
-        self, values: np.ndarray, carried: np.ndarray
-    ) -> tuple[float, float, float, float]:
+    def force(self, values: np.ndarray, carried: np.ndarray) -> tuple[float, float, float, float]:
         """A stress summed over the giver's cells, over the taker's, what is lost, and Σ |.| [N]."""
         r = self.regrid
         if r is None:

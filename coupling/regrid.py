@@ -113,7 +113,9 @@ class Regrid:
         source_area: np.ndarray | None = None,
     ) -> None:
         if surface not in ("plane", "sphere"):
-            raise InputError(f"regrid: surface = {surface!r}: {choose(surface, ('plane', 'sphere'))}")
+            raise InputError(
+                f"regrid: surface = {surface!r}: {choose(surface, ('plane', 'sphere'))}"
+            )
         overlap, drawn_area, target_area = (
             _overlaps_plane(source, target)
             if surface == "plane"
@@ -222,7 +224,9 @@ class Regrid:
         if normalisation == "destination_area":
             return 1.0 / self.target_area
         words = ("fraction", "destination_area")
-        raise InputError(f"regrid: normalisation = {normalisation!r}: {choose(normalisation, words)}")
+        raise InputError(
+            f"regrid: normalisation = {normalisation!r}: {choose(normalisation, words)}"
+        )
 
     @staticmethod
     def _check(values: np.ndarray, size: int, used: np.ndarray, side: str) -> np.ndarray:
@@ -376,7 +380,9 @@ def _areas(values: np.ndarray, size: int) -> np.ndarray:
         raise InputError(f"regrid: source_area has {values.size} values for {size} cells")
     bad = np.flatnonzero(~((values > 0) & np.isfinite(values)))
     if bad.size:
-        raise InputError(f"regrid: source_area[{bad[0]}] = {values[bad[0]]}: must be greater than 0")
+        raise InputError(
+            f"regrid: source_area[{bad[0]}] = {values[bad[0]]}: must be greater than 0"
+        )
     return values
 
 
@@ -468,7 +474,8 @@ def _overlaps_sphere(
         along_y = _overlaps_1d(source.y_edges, target.y_edges, _sine_difference)
         west, east = target.bounds[:2]
         turns = np.arange(
-            np.floor((west - source.bounds[1]) / 360.0), np.ceil((east - source.bounds[0]) / 360.0) + 1
+            np.floor((west - source.bounds[1]) / 360.0),
+            np.ceil((east - source.bounds[0]) / 360.0) + 1,
         )
         along_x = sum(
             _overlaps_1d(source.x_edges + 360.0 * turn, target.x_edges, np.subtract)
@@ -485,7 +492,9 @@ def _overlaps_sphere(
             "regrid: the target reaches more than 60 degrees from its middle: exchange in parts, or use"
             " a coupler such as YAC"
         )
-    large = np.flatnonzero((np.einsum("cki,ci->ck", rings[0], rings[0][:, 0])).min(1) < LARGEST_CELL)
+    large = np.flatnonzero(
+        (np.einsum("cki,ci->ck", rings[0], rings[0][:, 0])).min(1) < LARGEST_CELL
+    )
     if large.size:
         raise InputError(
             f"regrid: cell {large[0]} of the source is more than 20 degrees wide: too large to cut"
@@ -565,9 +574,7 @@ def _triangles(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     def dot(p, q):
         return np.einsum("...i,...i", p, q)
 
-    return 2 * np.arctan2(
-        dot(a, np.cross(b - a, c - a)), 1 + dot(a, b) + dot(b, c) + dot(c, a)
-    )
+    return 2 * np.arctan2(dot(a, np.cross(b - a, c - a)), 1 + dot(a, b) + dot(b, c) + dot(c, a))
 
 
 def _areas_on_sphere(pieces: np.ndarray, axes: np.ndarray) -> np.ndarray:

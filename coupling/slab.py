@@ -54,8 +54,7 @@ SURFACE = tuple(f"sea_surface_water_flowing__{a}_component_of_velocity" for a in
 DEEP = tuple(f"sea_deep_water_flowing__{a}_component_of_velocity" for a in "xy")
 MOMENTUM = tuple(f"sea_water_flowing__domain_integral_of_{a}_component_of_momentum" for a in "xy")
 RECEIVED = tuple(
-    f"sea_ice_bottom_water_flowing__domain_time_integral_of_{a}_z_component_of_stress"
-    for a in "xy"
+    f"sea_ice_bottom_water_flowing__domain_time_integral_of_{a}_z_component_of_stress" for a in "xy"
 )
 INPUTS, OUTPUTS = STRESS, (*SURFACE, *DEEP, *MOMENTUM, *RECEIVED)
 UNITS = {
@@ -126,7 +125,9 @@ class TwoSlabOcean(Bmi):
     def initialize(self, config_file: str) -> None:
         """Read the configuration (TOML) and start at rest or with the velocities that it gives."""
         if not config_file:
-            raise InputError("initialize: a configuration file (TOML) is needed, with a table [grid]")
+            raise InputError(
+                "initialize: a configuration file (TOML) is needed, with a table [grid]"
+            )
         path = Path(config_file)
         settings = validate(Settings, parse(read_text(path), str(path)), str(path))
         grid = Grid.uniform(settings.grid.x, settings.grid.y, settings.grid.spacing)
@@ -169,7 +170,9 @@ class TwoSlabOcean(Bmi):
             values[RECEIVED[axis]] += (values[STRESS[axis]] * self._grid.area).sum() * dt
         difference = [values[SURFACE[axis]] - values[DEEP[axis]] for axis in (0, 1)]
         speed = np.hypot(*difference)
-        coefficient = ocean.density * (ocean.linear_drag + ocean.quadratic_drag * speed)  # eq. two-slab
+        coefficient = ocean.density * (
+            ocean.linear_drag + ocean.quadratic_drag * speed
+        )  # eq. two-slab
         share = coefficient * dt / (1 + coefficient * dt * (1 / upper + 1 / lower))
         for axis in (0, 1):
             handed_down = share * difference[axis]
@@ -285,7 +288,9 @@ class TwoSlabOcean(Bmi):
             raise InputError(f"{name}: {values.size} values for {inds.size} cells")
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            raise InputError(f"{name}: value {values[bad[0]]} at cell {inds[bad[0]]}: must be finite")
+            raise InputError(
+                f"{name}: value {values[bad[0]]} at cell {inds[bad[0]]}: must be finite"
+            )
         array[inds] = values
 
     def get_grid_type(self, grid: int) -> str:

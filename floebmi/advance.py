@@ -30,7 +30,9 @@ from floebmi.pack import (
 )
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
-SKIN = 0.3  # of the smallest radius; wider where sizes differ much, since few of the pairs then move
+SKIN = (
+    0.3  # of the smallest radius; wider where sizes differ much, since few of the pairs then move
+)
 
 
 @dataclass
@@ -255,7 +257,9 @@ class Advance:
         if not len(self.packed.number):
             return np.inf
         # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
-        return 0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
+        return (
+            0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
+        )
 
     def _substeps(self, dt: float) -> int:
         """Sub-steps of the other forces: as many as keep |J| Δt small, so that nothing overshoots."""

@@ -53,7 +53,12 @@ if TYPE_CHECKING:
     from floebmi.model import Fluid, Model
     from floebmi.scene import Scene
 
-CELLS, WHOLE, AIR, FLOES = 0, 1, 2, 3  # BMI grids: exchange cells, one number, the air's cells, floes
+CELLS, WHOLE, AIR, FLOES = (
+    0,
+    1,
+    2,
+    3,
+)  # BMI grids: exchange cells, one number, the air's cells, floes
 SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
 
 _TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take
@@ -69,12 +74,15 @@ class BmiTable(Table):
     scene: str = Field(description="name of a packaged scene, or a path relative to this file")
     set: list[str] = Field([], description="changes of the scene: ['table.key=value']")
     cells: Literal["nodes", "faces"] = Field(
-        "nodes", description="cells of a rectilinear grid: nodes of it, or faces of an unstructured one"
+        "nodes",
+        description="cells of a rectilinear grid: nodes of it, or faces of an unstructured one",
     )
     floe_capacity: Annotated[int, Field(ge=0)] = Field(
         0, description="room for single floes, fixed for the run; 0: no floe-level variables"
     )
-    restart: str | None = Field(None, description="file that save_state wrote, relative to this file")
+    restart: str | None = Field(
+        None, description="file that save_state wrote, relative to this file"
+    )
 
 
 class BmiFile(Table):
@@ -473,7 +481,9 @@ class FloeBmi(Bmi):
             relative to it
         """
         if self._running is not None:
-            raise InputError("initialize: this component is initialized already; call finalize first")
+            raise InputError(
+                "initialize: this component is initialized already; call finalize first"
+            )
         if not config_file:
             raise InputError("initialize: needs a scene, a TOML or YAML file or a packaged name")
         self._running = _Running(str(config_file))
@@ -489,7 +499,9 @@ class FloeBmi(Bmi):
         try:
             time = float(time)
         except (TypeError, ValueError):
-            raise InputError(f"update_until: time = {time!r}: must be a number of seconds") from None
+            raise InputError(
+                f"update_until: time = {time!r}: must be a number of seconds"
+            ) from None
         if not np.isfinite(time) or time < now.model.time:
             raise InputError(
                 f"update_until: time = {time:.17g} s: must be at least the current time, "
@@ -630,7 +642,9 @@ class FloeBmi(Bmi):
         wrong = ~np.isfinite(given) & self._now("set_value").wet_of(row)[inds]
         if wrong.any():
             k = int(np.argmax(wrong))
-            raise InputError(f"{row.csdms}: {given[k]} at index {inds[k]}, a wet cell: must be finite")
+            raise InputError(
+                f"{row.csdms}: {given[k]} at index {inds[k]}, a wet cell: must be finite"
+            )
 
     # ---- grids --------------------------------------------------------------------------------
 

@@ -133,7 +133,9 @@ def build_walls(
     for wall in walls:
         _check_edge("wall", wall.edge, domain)
         if wall.edge in listed:
-            raise InputError(f"wall.edge = {wall.edge!r}: there are two walls at this edge; use one")
+            raise InputError(
+                f"wall.edge = {wall.edge!r}: there are two walls at this edge; use one"
+            )
         listed[wall.edge] = wall
     for edge in EDGES:
         if getattr(domain, edge) == "closed":
@@ -149,7 +151,9 @@ def build_walls(
             continue
         volume = floes.volume[ice].sum()
         if not volume:
-            raise InputError("wall.normal_stress: there is no ice to load; add floes or leave it out")
+            raise InputError(
+                "wall.normal_stress: there is no ice to load; add floes or leave it out"
+            )
         thickness = volume / floes.area[ice].sum()
         along, across = (
             (domain.y, domain.x)[axis][1] - (domain.y, domain.x)[axis][0],

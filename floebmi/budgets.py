@@ -78,9 +78,7 @@ class Ledger:
         lines.append(line("now", self.now))
         balances = list(self.balances.values())
         lines.append(line("residual", np.array([b.residual for b in balances])))
-        lines.append(
-            f"{'  relative':<22}" + "".join(f"{b.relative:>20.1e}" for b in balances)
-        )
+        lines.append(f"{'  relative':<22}" + "".join(f"{b.relative:>20.1e}" for b in balances))
         return "\n".join(lines)
 
     def state(self) -> dict[str, np.ndarray]:

@@ -73,7 +73,9 @@ def from_land_fraction(
 
     fraction = np.asarray(fraction, dtype=float)
     if fraction.ndim != 2 or min(fraction.shape) < 2:
-        raise InputError(f"land fraction has shape {fraction.shape}; must be (ny, nx), at least 2 x 2")
+        raise InputError(
+            f"land fraction has shape {fraction.shape}; must be (ny, nx), at least 2 x 2"
+        )
     wrong = ~((fraction >= 0) & (fraction <= 1))
     if wrong.any():
         row, column = (int(k[0]) for k in np.nonzero(wrong))
@@ -99,9 +101,7 @@ def from_land_fraction(
     return _coast(land, radius, thickness, within=shapely.Polygon(rim).buffer(radius))
 
 
-def from_polygons(
-    polygons: Sequence[ArrayLike], radius: float, thickness: float = 10.0
-) -> Coast:
+def from_polygons(polygons: Sequence[ArrayLike], radius: float, thickness: float = 10.0) -> Coast:
     """The coast of land given by its rings.
 
     Parameters
@@ -144,7 +144,9 @@ def from_geojson(
         if geometry.geom_type not in ("Polygon", "MultiPolygon"):
             raise InputError(f"{name}: {geometry.geom_type}; must be Polygon or MultiPolygon")
         if not geometry.is_valid:
-            raise InputError(f"{name}: {shapely.is_valid_reason(geometry)}; must be a valid polygon")
+            raise InputError(
+                f"{name}: {shapely.is_valid_reason(geometry)}; must be a valid polygon"
+            )
         land = land.union(geometry)
     return _coast(land, radius, thickness)
 
@@ -214,7 +216,9 @@ def read_features(
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path}: must be GeoJSON: a FeatureCollection, Feature or geometry") from None
+        raise InputError(
+            f"{path}: must be GeoJSON: a FeatureCollection, Feature or geometry"
+        ) from None
     found = []
     for number, feature in enumerate(features):
         name = f"{path}: feature {number}"
@@ -267,9 +271,7 @@ def _check_size(radius: float, thickness: float) -> None:
             raise InputError(f"coast {name} = {value} m; must be greater than 0")
 
 
-def _centres(
-    x: ArrayLike, y: ArrayLike, shape: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray]:
+def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Cell centres of shape (ny, nx), from rows of centres or edges or from such arrays."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     if x.shape == y.shape == shape:

@@ -21,7 +21,9 @@ from floebmi.forces import book, book_spin, total_acceleration, total_spin_up
 from floebmi.kernels import dispatched, jit
 from floebmi.quantities import Positive, PositiveFraction
 
-BLOCK = 64  # pairs computed at a time: the buffers stay in the nearest cache, and the middle vectorises
+BLOCK = (
+    64  # pairs computed at a time: the buffers stay in the nearest cache, and the middle vectorises
+)
 # Rows of the buffer.  Results lie below what they are computed from: only so can the compiler see that
 # no later pair reads what an earlier one wrote.
 FX, FY, TORQUE_I, TORQUE_J = (row * BLOCK for row in range(4))
@@ -84,7 +86,9 @@ def _(period: None, d):
 @dispatched
 def recall(memory, p):
     """What pair p remembers; nothing where nothing is remembered."""
-    return memory[np.uintp(p)]  # unsigned: no wrap-around of negative indices, so the loop vectorises
+    return memory[
+        np.uintp(p)
+    ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
 
 
 @recall.register

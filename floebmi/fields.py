@@ -124,7 +124,9 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         if zarr and "unrecognized engine" in reason:
             reason = "reading Zarr needs the package zarr (python -m pip install zarr)"
-        raise InputError(f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}") from error
+        raise InputError(
+            f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}"
+        ) from error
     return File(path.name, data)
 
 
@@ -194,7 +196,9 @@ def _named(files: list[File], name: str, where: str, option: str) -> tuple[File,
     holding = _holding(files, name)
     if not holding:
         names = {str(n) for f in files for n in f.data.data_vars}
-        raise InputError(f"{where}: {option} names {name!r}, not in the file; {choose(name, names)}")
+        raise InputError(
+            f"{where}: {option} names {name!r}, not in the file; {choose(name, names)}"
+        )
     return holding[0], name
 
 
@@ -219,7 +223,18 @@ def _describe(file: File, name: str) -> str:
 
 # ----------------------------------------------------------------------------------------- dimensions
 
-_LON = {"lon", "longitude", "nav_lon", "lon_rho", "glamt", "xc", "geolon", "tlong", "tlon", "xt_ocean"}
+_LON = {
+    "lon",
+    "longitude",
+    "nav_lon",
+    "lon_rho",
+    "glamt",
+    "xc",
+    "geolon",
+    "tlong",
+    "tlon",
+    "xt_ocean",
+}
 _LAT = {"lat", "latitude", "nav_lat", "lat_rho", "gphit", "yc", "geolat", "tlat", "yt_ocean"}
 _TIME = {"time", "ocean_time", "time_counter", "t", "date", "valid_time", "mt"}
 _VERTICAL = {
@@ -263,9 +278,7 @@ def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
     return None
 
 
-def field(
-    file: File, name: str, depth: float = 0.0, select: dict[str, int] | None = None
-) -> Field:
+def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | None = None) -> Field:
     """Give each dimension of a variable its meaning, and choose the level nearest to `depth` [m].
 
     Raises

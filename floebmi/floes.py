@@ -56,7 +56,9 @@ class _Column:
 
     def __set__(self, floes: "Floes", values: ArrayLike) -> None:
         if self.name not in floes._columns:
-            raise InputError(f"floes.{self.name}: these floes do not rotate; allow_rotation() first")
+            raise InputError(
+                f"floes.{self.name}: these floes do not rotate; allow_rotation() first"
+            )
         floes._columns[self.name][: len(floes)] = values
 
 

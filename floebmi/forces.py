@@ -99,9 +99,7 @@ DRAG_PRESETS: dict[str, tuple[OceanDrag, AirDrag]] = {
 }
 
 
-def bulk_coefficient(
-    drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.ndarray
-) -> np.ndarray:
+def bulk_coefficient(drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.ndarray) -> np.ndarray:
     """Equivalent C_d [1] of a floe's area, f = ρ C_d π r² Δv|Δv|; side: draft or freeboard [m]."""
     return drag.vertical * 2 * side / radius + drag.horizontal
 

@@ -512,9 +512,7 @@ def _check_edges_once(faces: np.ndarray) -> None:
         )
 
 
-def _check_simple(
-    x: np.ndarray, y: np.ndarray, corners: np.ndarray, area: np.ndarray
-) -> None:
+def _check_simple(x: np.ndarray, y: np.ndarray, corners: np.ndarray, area: np.ndarray) -> None:
     """Refuse cells without area, or whose edges cross or touch (x, y padded as in `_corner`)."""
     reach = np.hypot(np.ptp(x, axis=1), np.ptp(y, axis=1))
     for cell in np.flatnonzero(np.abs(area) <= FLAT * reach**2):

@@ -37,9 +37,7 @@ def jit(function: Callable) -> Callable:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = CACHE_FOLDER
     try:
-        return numba.njit(
-            cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True
-        )(function)
+        return numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)(function)
     finally:
         numba.config.CACHE_DIR = before
 

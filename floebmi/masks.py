@@ -47,7 +47,9 @@ class Mask(NamedTuple):
         return values if self.water == 1 else 1 - values
 
 
-def find_mask(file: File, dims: tuple[str, ...], names: tuple[str, ...] | None = None) -> Mask | None:
+def find_mask(
+    file: File, dims: tuple[str, ...], names: tuple[str, ...] | None = None
+) -> Mask | None:
     """The mask along `dims` (rows, columns), the first of `names` that fits, or None.
 
     Without names, masks are known by standard_name, then by well-known names; those of other points of a
@@ -85,7 +87,9 @@ def _water_value(file: File, name: str) -> float:
     meanings = str(attrs.get("flag_meanings", "")).lower().split()
     flags = np.atleast_1d(attrs.get("flag_values", [])).tolist()
     flagged = dict(zip(flags, meanings, strict=False))
-    flagged |= {float(k): str(attrs[f"option_{k}"]).lower() for k in (0, 1) if f"option_{k}" in attrs}
+    flagged |= {
+        float(k): str(attrs[f"option_{k}"]).lower() for k in (0, 1) if f"option_{k}" in attrs
+    }
     for value, other in ((1.0, 0.0), (0.0, 1.0)):
         if re.search(_WATER_WORD, flagged.get(value, "")) or re.search(
             _LAND_WORD, flagged.get(other, "")

@@ -189,7 +189,9 @@ class Model:
         names = [type(force).__name__ for force in self.forces]
         for name in set(names):
             if names.count(name) > 1:
-                raise InputError(f"forces: {name} is listed {names.count(name)} times; list it once")
+                raise InputError(
+                    f"forces: {name} is listed {names.count(name)} times; list it once"
+                )
         if "Coriolis" in names and "CoriolisField" in names:
             raise InputError("forces: Coriolis and CoriolisField exclude each other; list one")
         if self.contact is not None and not isinstance(self.contact, Contact):
@@ -366,9 +368,7 @@ class Model:
         """Book the forces; the fluids get the opposite of the impulse that their drag gave."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = _ACCOUNTS[type(force)]
-            self._state.ledger.book(
-                name, x=at.x.sum(), y=at.y.sum(), energy=at.work.sum()
-            )
+            self._state.ledger.book(name, x=at.x.sum(), y=at.y.sum(), energy=at.work.sum())
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             fluid, w = self._fluid_of(force), weights[id(self._fluid_of(force).grid)]
@@ -454,9 +454,7 @@ class Model:
         key = np.concatenate([f.x, f.y, f.active.astype(float)])
         if self._coverage is None or not np.array_equal(self._coverage[0], key):
             ice = f.active & ~f.land
-            areas = coverage(
-                self.grid, f.x[ice], f.y[ice], f.radius[ice], self.domain.period
-            )
+            areas = coverage(self.grid, f.x[ice], f.y[ice], f.radius[ice], self.domain.period)
             self._coverage = key, areas
         return self._coverage[1]
 
@@ -525,7 +523,9 @@ class Model:
             "version": __version__,
             "time": self.time,
             "last_duration": self._last_duration,
-            "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(-1, len(s.walls.dtype)),
+            "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(
+                -1, len(s.walls.dtype)
+            ),
             "pair_start": s.memory.start,
             "pair_i": s.memory.i,
             "pair_j": s.memory.j,

@@ -416,7 +416,8 @@ def strayed(packed: Packed, keep_still: bool) -> float:
 
 
 def _half_range(way: np.ndarray, keep_still: bool) -> float:
-    low, high = way.min(initial=0.0 if keep_still else np.inf), way.max(
-        initial=0.0 if keep_still else -np.inf
+    low, high = (
+        way.min(initial=0.0 if keep_still else np.inf),
+        way.max(initial=0.0 if keep_still else -np.inf),
     )
     return max(abs(low), abs(high)) if keep_still else 0.5 * (high - low)

@@ -198,7 +198,12 @@ def from_field(
     fraction = _field("area_fraction", area_fraction, grid)
     depth = _field("thickness", thickness, grid)
     for name, wrong, values, right in (
-        ("area_fraction", ~((fraction >= 0) & (fraction <= 1)), fraction, "must be between 0 and 1"),
+        (
+            "area_fraction",
+            ~((fraction >= 0) & (fraction <= 1)),
+            fraction,
+            "must be between 0 and 1",
+        ),
         (
             "thickness",
             ~((depth > 0) & np.isfinite(depth)) & (fraction > 0),
@@ -295,7 +300,9 @@ def regular(
         trials = [_rows(domain, radius, ideal * f, lattice) for f in np.linspace(1.1, 0.6, 1001)]
         target = concentration * domain.area / (np.pi * radius**2)
         fitting = [rows for rows in trials if rows.nearest >= 2 * radius * (1 - 1e-12)]
-        best = min(fitting, key=lambda rows: (abs(rows.count / target - 1), rows.stretch), default=None)
+        best = min(
+            fitting, key=lambda rows: (abs(rows.count / target - 1), rows.stretch), default=None
+        )
         if best is None or abs(best.count / target - 1) > CLOSE_ENOUGH:
             nearest = 0.0 if best is None else best.count / target * concentration
             raise InputError(
@@ -331,7 +338,9 @@ def read_floes(
     suffix = path.suffix.lower()
     if suffix == ".csv":
         if projection is not None:
-            raise InputError(f"{path}: a projection is for GeoJSON; x and y of a CSV file are in metres")
+            raise InputError(
+                f"{path}: a projection is for GeoJSON; x and y of a CSV file are in metres"
+            )
         rows = _csv_rows(path)
     elif suffix in (".geojson", ".json"):
         rows = _geojson_rows(path, projection)
@@ -505,10 +514,14 @@ def _geojson_rows(path: Path, projection: str | None) -> list[tuple[str, dict[st
     for number, (name, geometry, properties) in enumerate(read_features(path, projection)):
         row = {key.strip().lower(): value for key, value in properties.items()}
         if {"x", "y"} & row.keys():
-            raise InputError(f"{name}: property 'x' or 'y' beside a geometry; must be one or the other")
+            raise InputError(
+                f"{name}: property 'x' or 'y' beside a geometry; must be one or the other"
+            )
         if geometry.geom_type in ("Polygon", "MultiPolygon"):
             if {"radius", "area"} & row.keys():
-                raise InputError(f"{name}: a polygon has its own area; radius and area are for points")
+                raise InputError(
+                    f"{name}: a polygon has its own area; radius and area are for points"
+                )
             row["area"] = geometry.area
         elif geometry.geom_type != "Point":
             raise InputError(f"{name}: {geometry.geom_type}; must be a Point or a Polygon")
@@ -523,9 +536,7 @@ _FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + 
 )
 
 
-def _floe_columns(
-    path: Path, rows: list[tuple[str, dict[str, object]]]
-) -> dict[str, np.ndarray]:
+def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict[str, np.ndarray]:
     """The columns that floes are made of, as numbers; all rows must have the same."""
     names = [name for name in _FLOE_COLUMNS if any(name in row for _, row in rows)]
     for name in ("x", "y") if rows else ():
@@ -583,7 +594,9 @@ def _barrier(
     fixed = [np.zeros((0, 3))]
     if isinstance(land, Grid):
         if grid is not None:
-            raise InputError("land: the grid's own dry cells are land; give a Coast or rings beside it")
+            raise InputError(
+                "land: the grid's own dry cells are land; give a Coast or rings beside it"
+            )
         grid, land = land, None
     if grid is not None and grid.wet.all():
         grid = None
@@ -620,7 +633,9 @@ def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray
     high = np.maximum(west, east), np.maximum(south, north)
     near = np.ones(len(segments), bool)
     for axis, (first, last) in enumerate((domain.x, domain.y)):
-        margin = last - first  # floes reach less far across an edge, and nothing is lost by more guards
+        margin = (
+            last - first
+        )  # floes reach less far across an edge, and nothing is lost by more guards
         near &= (high[axis] > first - margin) & (low[axis] < last + margin)
     segments = segments[near]
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
@@ -637,7 +652,9 @@ def _dry_edges(grid: Grid) -> np.ndarray:
     nodes = grid.face_nodes[~grid.wet]
     following = np.roll(nodes, -1, axis=1)
     first = nodes[:, :1]
-    following = np.where((following < 0) | (np.arange(nodes.shape[1]) == nodes.shape[1] - 1), first, following)
+    following = np.where(
+        (following < 0) | (np.arange(nodes.shape[1]) == nodes.shape[1] - 1), first, following
+    )
     pairs = np.sort(np.stack([nodes[nodes >= 0], following[nodes >= 0]], axis=1), axis=1)
     pairs, count = np.unique(pairs, axis=0, return_counts=True)
     a, b = pairs[count == 1].T
@@ -866,12 +883,16 @@ def _cover(taken, x, y, radius, step_x, step_y, periodic_x, periodic_y):
     ny, nx = taken.shape
     for k in range(x.size):
         reach_x, reach_y = radius[k] / step_x, radius[k] / step_y
-        for row in range(int(np.ceil(y[k] - reach_y - 0.5)), int(np.floor(y[k] + reach_y - 0.5)) + 1):
+        for row in range(
+            int(np.ceil(y[k] - reach_y - 0.5)), int(np.floor(y[k] + reach_y - 0.5)) + 1
+        ):
             if not periodic_y and (row < 0 or row >= ny):
                 continue
             dy = (row + 0.5 - y[k]) / reach_y
             half = reach_x * np.sqrt(max(0.0, 1.0 - dy * dy))
-            for column in range(int(np.ceil(x[k] - half - 0.5)), int(np.floor(x[k] + half - 0.5)) + 1):
+            for column in range(
+                int(np.ceil(x[k] - half - 0.5)), int(np.floor(x[k] + half - 0.5)) + 1
+            ):
                 if periodic_x or (column >= 0 and column < nx):
                     taken[row % ny, column % nx] = True
 
@@ -893,7 +914,9 @@ def _press(
     are swapped among the floes, or floes of a single size shaken.
     """
     n = len(x)
-    all_x, all_y, size = (np.concatenate(pair) for pair in zip((x, y, radius), discs.T, strict=True))
+    all_x, all_y, size = (
+        np.concatenate(pair) for pair in zip((x, y, radius), discs.T, strict=True)
+    )
     pressed = size.copy()
     pressed[:n] *= 1 + SPARE
     mobile = np.zeros(len(all_x))
@@ -910,7 +933,8 @@ def _press(
         ]
     )
     lengths = np.array([np.inf if length is None else length for length in domain.period])
-    skin = SKIN * float(np.median(pressed[:n]))
+    typical = float(np.median(pressed[:n]))
+    skin, worst = 0.0, 1.0
     narrow = size[:n].max() < NARROW * size[:n].min()
     every = 5 if narrow else 3
     order = np.argsort(size[:n], kind="stable")
@@ -918,6 +942,10 @@ def _press(
     done, moved, grown = 0, np.inf, 0.0
     while done < sweeps:
         if moved + grown >= skin / 2:
+            import os
+
+            A, B = map(float, os.environ.get("AB", "1,2").split(","))
+            skin = typical * min(max(A * worst, SKIN), B)
             _wrap(all_x[:n], all_y[:n], domain)
             _, i, j = find_pairs(all_x, all_y, pressed + skin / 2, domain.period)
             i, j = _some_free(i, j, movable)
@@ -988,7 +1016,9 @@ def _unplaced(
     all_x, all_y, size = (
         np.concatenate(pair) for pair in zip((x, y, radius), barrier.discs.T, strict=True)
     )
-    for centre, (low, high), length in zip((x, y), (domain.x, domain.y), domain.period, strict=True):
+    for centre, (low, high), length in zip(
+        (x, y), (domain.x, domain.y), domain.period, strict=True
+    ):
         if length is None:
             left |= (centre - radius < low) | (centre + radius > high)
     _, i, j = find_pairs(all_x, all_y, size, domain.period)
@@ -1026,7 +1056,9 @@ def _distance(
 
 def _wrap(x: np.ndarray, y: np.ndarray, domain: Domain) -> None:
     """Bring centres back into the domain, in place, along its periods."""
-    for centre, (low, high), length in zip((x, y), (domain.x, domain.y), domain.period, strict=True):
+    for centre, (low, high), length in zip(
+        (x, y), (domain.x, domain.y), domain.period, strict=True
+    ):
         if length is not None:
             out = np.flatnonzero((centre < low) | (centre >= high))
             centre[out] = low + np.mod(centre[out] - low, length)

@@ -418,9 +418,7 @@ def _compare(
         )
 
 
-def _extent(
-    names: tuple[str, str], first: tuple[float, float], second: tuple[float, float]
-) -> str:
+def _extent(names: tuple[str, str], first: tuple[float, float], second: tuple[float, float]) -> str:
     digits = ".7g" if names[0] == "x" else ".1f"
     unit = " m" if names[0] == "x" else ""
     parts = [
@@ -436,5 +434,3 @@ def _lonlat_extent(lon: np.ndarray, lat: np.ndarray) -> str:
     middle = np.degrees(np.angle(np.exp(1j * np.radians(lon)).mean()))
     lon = middle + (lon - middle + 180) % 360 - 180
     return _extent(("lon", "lat"), (lon.min(), lon.max()), (lat.min(), lat.max()))
-
-

@@ -73,9 +73,7 @@ def to_lonlat(
     return np.where(np.isfinite(lon), lon, np.nan), np.where(np.isfinite(lat), lat, np.nan)
 
 
-def east_in_plane(
-    projection: str, lon: np.ndarray | float, lat: np.ndarray | float
-) -> np.ndarray:
+def east_in_plane(projection: str, lon: np.ndarray | float, lat: np.ndarray | float) -> np.ndarray:
     """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees]."""
     lat = np.clip(np.asarray(lat, float), -_NEAR_POLE, _NEAR_POLE)
     lon = np.asarray(lon, float)
@@ -105,9 +103,7 @@ def _turn(
     return np.arctan2((ay1 - ay0) - (bx1 - bx0), (ax1 - ax0) + (by1 - by0))
 
 
-def distance(
-    lon1: np.ndarray, lat1: np.ndarray, lon2: np.ndarray, lat2: np.ndarray
-) -> np.ndarray:
+def distance(lon1: np.ndarray, lat1: np.ndarray, lon2: np.ndarray, lat2: np.ndarray) -> np.ndarray:
     """Great-circle distance [m] between places [degrees] (haversine formula)."""
     phi1, phi2 = np.radians(lat1), np.radians(lat2)
     half = np.sin((phi2 - phi1) / 2) ** 2 + np.cos(phi1) * np.cos(phi2) * (
@@ -116,9 +112,7 @@ def distance(
     return 2 * _EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(half, 0, 1)))
 
 
-def centred_projection(
-    lon: float | tuple[float, float], lat: float | tuple[float, float]
-) -> str:
+def centred_projection(lon: float | tuple[float, float], lat: float | tuple[float, float]) -> str:
     """A plane centred on a place, or on the box (west, east) × (south, north) [degrees]: equal-area.
 
     In the Lambert azimuthal equal-area plane cells have their true area everywhere (a standard polar

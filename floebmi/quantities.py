@@ -36,12 +36,13 @@ def check(values: Iterable[object], where: str = "") -> None:
                 if not isinstance(value, (int, float)) or not math.isfinite(value):
                     raise InputError(f"{place} = {value!r}: must be a finite number")
                 inside = {
-                    Gt: value > limit, Ge: value >= limit, Lt: value < limit, Le: value <= limit
+                    Gt: value > limit,
+                    Ge: value >= limit,
+                    Lt: value < limit,
+                    Le: value <= limit,
                 }[type(bound)]
                 if not inside:
-                    raise InputError(
-                        f"{place} = {value!r}: must be {_WORDS[type(bound)]} {limit}"
-                    )
+                    raise InputError(f"{place} = {value!r}: must be {_WORDS[type(bound)]} {limit}")
 
 
 def vars_of(bound: object) -> dict[str, float]:

@@ -40,13 +40,17 @@ def test_a_floe_crosses_a_periodic_seam_and_stays_in_the_domain():
     assert floes.x[0] == pytest.approx(5.0, abs=1e-6) and floes.active.all()
 
 
-@pytest.mark.parametrize("edge, u, v", [("west", -1, 0), ("east", 1, 0), ("south", 0, -1), ("north", 0, 1)])
+@pytest.mark.parametrize(
+    "edge, u, v", [("west", -1, 0), ("east", 1, 0), ("south", 0, -1), ("north", 0, 1)]
+)
 def test_a_closed_edge_throws_a_floe_back(edge, u, v):
     floes = Floes(50.0, 50.0, 5.0, 1.0, u=float(u), v=float(v))
     model = Model(box(**{edge: "closed"}), floes, contact=Contact())
     model.advance(60.0)
     assert (floes.u[0], floes.v[0]) == pytest.approx((-u, -v), abs=0.01)
-    assert model.ledger.accounts["walls"][1] == pytest.approx(-2 * u * floes.mass(934.0)[0], rel=0.01, abs=1e-6)
+    assert model.ledger.accounts["walls"][1] == pytest.approx(
+        -2 * u * floes.mass(934.0)[0], rel=0.01, abs=1e-6
+    )
     assert_books_close(model, energy=1e-2)
 
 

@@ -102,9 +102,13 @@ def test_the_third_law_holds_to_the_bit(law):
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 1e2])
 @pytest.mark.parametrize("wanted", [0.1, 0.5, 0.9])
 def test_restitution_is_met_for_any_mass_ratio_and_nothing_pulls_as_floes_part(ratio, wanted):
-    floes = Floes([0.0, 11.05 * np.sqrt(ratio)], 0.0, [10.0, 10.0 * np.sqrt(ratio)], 1.0, u=[0.1, 0])
+    floes = Floes(
+        [0.0, 11.05 * np.sqrt(ratio)], 0.0, [10.0, 10.0 * np.sqrt(ratio)], 1.0, u=[0.1, 0]
+    )
     floes.x[1] = 10.02 + floes.radius[1]
-    model = Model(DOMAIN, floes, contact=Contact(dashpot=Restitution(wanted)), step=Step(fraction=0.05))
+    model = Model(
+        DOMAIN, floes, contact=Contact(dashpot=Restitution(wanted)), step=Step(fraction=0.05)
+    )
     least = 0.0
     for _ in range(60):
         model.advance(0.05)
@@ -116,7 +120,9 @@ def test_restitution_is_met_for_any_mass_ratio_and_nothing_pulls_as_floes_part(r
 
 def test_restitution_against_a_fixed_floe_is_met_too():
     floes = Floes([0.0, 20.02], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
-    model = Model(DOMAIN, floes, contact=Contact(dashpot=Restitution(0.5)), step=Step(fraction=0.05))
+    model = Model(
+        DOMAIN, floes, contact=Contact(dashpot=Restitution(0.5)), step=Step(fraction=0.05)
+    )
     model.advance(3.0)
     assert -floes.u[0] / 0.1 == pytest.approx(0.5, rel=0.02)
 

@@ -32,9 +32,7 @@ step = 300.0
 RUNNING = tuple(
     f"sea_ice_bottom_water_flowing__time_integral_of_{a}_z_component_of_stress" for a in "xy"
 )
-ICE_MOMENTUM = tuple(
-    f"sea_ice_flowing__domain_integral_of_{a}_component_of_momentum" for a in "xy"
-)
+ICE_MOMENTUM = tuple(f"sea_ice_flowing__domain_integral_of_{a}_component_of_momentum" for a in "xy")
 OTHER = tuple(
     f"sea_ice_flowing__domain_time_integral_of_{a}_component_of_other_force" for a in "xy"
 )
@@ -424,7 +422,9 @@ def test_a_host_that_can_only_step_is_stepped_and_must_land_on_the_exchange(ocea
     assert model.get_current_time() == 1200.0
     ice = Ice(hexagons())
     jumping = Altered(ice, update_until=lambda t: setattr(ice, "now", t))
-    with pytest.raises(CouplingError, match="stands at 900 s after an update to 700 s .its own step is 300"):
+    with pytest.raises(
+        CouplingError, match="stands at 900 s after an update to 700 s .its own step is 300"
+    ):
         couple(Altered(ocean(), update_until=refuse), jumping, every=700.0, until=700.0)
 
 
@@ -435,7 +435,13 @@ class Told:
     """A model of which only the grid is asked."""
 
     def __init__(self, kind, location, shape=(), size=0, **arrays):
-        self.kind, self.location, self.shape, self.size, self.arrays = kind, location, shape, size, arrays
+        self.kind, self.location, self.shape, self.size, self.arrays = (
+            kind,
+            location,
+            shape,
+            size,
+            arrays,
+        )
 
     def get_var_grid(self, name):
         return 2
@@ -495,12 +501,16 @@ def test_cells_follow_from_what_bmi_tells_and_are_not_invented():
 def test_weights_made_before_are_used_and_must_fit(ocean):
     host, ice = ocean(), Ice(hexagons())
     grid = bmi_grid(host, SURFACE[0])
-    made = Regrid(grid, ice.grid, source_area=grid.area * 2)  # a host that counts its areas otherwise
+    made = Regrid(
+        grid, ice.grid, source_area=grid.area * 2
+    )  # a host that counts its areas otherwise
     line = couple(host, ice, every=600.0, until=600.0, regrids={(0, 3): made})[0]
     np.testing.assert_allclose(line.to_host, -line.from_host, rtol=1e-13)
     np.testing.assert_allclose(line.host, 0.5 * line.to_host, rtol=1e-10)
     with pytest.raises(InputError, match="weights for 59 cells"):
-        other = Regrid(Grid.uniform((0, 59), (0, 1), spacing=1.0), Grid.uniform((0, 9), (0, 1), spacing=1.0))
+        other = Regrid(
+            Grid.uniform((0, 59), (0, 1), spacing=1.0), Grid.uniform((0, 9), (0, 1), spacing=1.0)
+        )
         Coupling(host, ice, 600.0, regrids={(0, 3): other})
 
 
@@ -532,20 +542,31 @@ def test_each_fault_is_one_line_and_the_state_is_saved(ocean, tmp_path):
 
     cases = []
     model = ocean()
-    cases.append((failing(model, 2, die), "exchange 2, 600 … 1200 s: segmentation fault in the ocean;"))
-    model = ocean()
-    cases.append((failing(model, 2, nan(model)), "exchange 3.*nan in cell 7 .1 such cells. at 1200 s"))
-    model = ocean()
-    cases.append((failing(model, 2, lambda t: None), "exchange 2.*stands at 600 s after an update to 1200"))
+    cases.append(
+        (failing(model, 2, die), "exchange 2, 600 … 1200 s: segmentation fault in the ocean;")
+    )
     model = ocean()
     cases.append(
-        (failing(model, 2, lambda t, m=model: m.__dict__.update(_time=0.0)), "went back|stands at 0 s")
+        (failing(model, 2, nan(model)), "exchange 3.*nan in cell 7 .1 such cells. at 1200 s")
+    )
+    model = ocean()
+    cases.append(
+        (failing(model, 2, lambda t: None), "exchange 2.*stands at 600 s after an update to 1200")
+    )
+    model = ocean()
+    cases.append(
+        (
+            failing(model, 2, lambda t, m=model: m.__dict__.update(_time=0.0)),
+            "went back|stands at 0 s",
+        )
     )
     model = ocean()
     shrink = Grid.uniform((0, 19e3), (0, 12e3), shape=(6, 10))
     cases.append(
         (
-            failing(model, 1, lambda t, m=model: (m.update_until(t), m.__dict__.update(_grid=shrink))),
+            failing(
+                model, 1, lambda t, m=model: (m.update_until(t), m.__dict__.update(_grid=shrink))
+            ),
             "exchange 2.*grid 0 of the host .* is not what it was",
         )
     )
@@ -638,7 +659,17 @@ def served(name, timeout=20.0):
         port = free.getsockname()[1]
     root = Path(__file__).parents[1]
     server = subprocess.Popen(
-        [sys.executable, "-m", "grpc4bmi.run_server", "--name", name, "--port", str(port), "--path", root]
+        [
+            sys.executable,
+            "-m",
+            "grpc4bmi.run_server",
+            "--name",
+            name,
+            "--port",
+            str(port),
+            "--path",
+            root,
+        ]
     )
     channel = grpc.insecure_channel(f"localhost:{port}")
     try:

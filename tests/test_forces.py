@@ -93,7 +93,10 @@ def test_coriolis_turns_without_work():
     model = one(u=1.0, forces=[Coriolis(1e-4)])
     model.advance(2 * np.pi / 1e-4 / 4)
     assert model.floes.u[0] ** 2 + model.floes.v[0] ** 2 == pytest.approx(1.0, rel=1e-12)
-    assert (model.floes.u[0], model.floes.v[0]) == (pytest.approx(0, abs=1e-2), pytest.approx(-1, abs=1e-3))
+    assert (model.floes.u[0], model.floes.v[0]) == (
+        pytest.approx(0, abs=1e-2),
+        pytest.approx(-1, abs=1e-3),
+    )
 
 
 def test_a_tilted_sea_surface_pulls_downhill():
@@ -138,11 +141,15 @@ def test_the_derivative_of_each_force_is_exact(force):
 
 def test_the_presets_are_those_of_the_table():
     radius, draft = np.array([50.0]), np.array([0.9])
-    coefficient = {name: bulk_coefficient(o, radius, draft)[0] for name, (o, a) in DRAG_PRESETS.items()}
+    coefficient = {
+        name: bulk_coefficient(o, radius, draft)[0] for name, (o, a) in DRAG_PRESETS.items()
+    }
     assert coefficient["damsgaard2018"] == pytest.approx(5.2e-3, rel=0.01)
     ocean, _ = DRAG_PRESETS["granular.jl-0.3.2"]
     newtons = np.pi * 1000 * 50.0**2 * bulk_coefficient(ocean, radius, draft)[0]
-    assert newtons == pytest.approx(1000 * (0.5 * 0.85 * 2 * 50 * 0.9 + 5e-4 * 4 * 50.0**2), rel=1e-12)
+    assert newtons == pytest.approx(
+        1000 * (0.5 * 0.85 * 2 * 50 * 0.9 + 5e-4 * 4 * 50.0**2), rel=1e-12
+    )
     assert coefficient["constant-cd"] == 5.5e-3
 
 

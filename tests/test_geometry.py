@@ -136,9 +136,7 @@ def test_turning_and_scaling_disc_and_polygon_together_changes_nothing(
 def test_the_tiles_of_a_square_add_up_to_the_square(x, y, r):
     edges = np.linspace(-1, 1, 6)
     tiles = sum(
-        disc_rectangle(w, e, s, n, x, y, r)
-        for w, e in pairwise(edges)
-        for s, n in pairwise(edges)
+        disc_rectangle(w, e, s, n, x, y, r) for w, e in pairwise(edges) for s, n in pairwise(edges)
     )
     assert tiles == pytest.approx(disc_rectangle(-1, 1, -1, 1, x, y, r), abs=1e-14)
 

@@ -31,9 +31,7 @@ def test_areas_and_centroids_agree_with_shapely(name):
 def test_areas_far_from_the_origin_are_as_good_as_near_it():
     near = GRIDS["curvilinear"]
     corners = (CELLS + 1, CELLS + 1)
-    far = Grid.curvilinear(
-        near.node_x.reshape(corners) + 4e6, near.node_y.reshape(corners) - 4e6
-    )
+    far = Grid.curvilinear(near.node_x.reshape(corners) + 4e6, near.node_y.reshape(corners) - 4e6)
     assert far.area == pytest.approx(near.area, rel=1e-11)
 
 
@@ -100,9 +98,7 @@ def test_spacing_and_shape_make_the_same_uniform_grid():
 
 def test_clockwise_faces_are_stored_counter_clockwise_and_keep_cell_order_and_first_node():
     grid = GRIDS["unstructured"]
-    clockwise = [
-        [f[0], *f[1:][::-1]] for f in (row[row >= 0].tolist() for row in grid.face_nodes)
-    ]
+    clockwise = [[f[0], *f[1:][::-1]] for f in (row[row >= 0].tolist() for row in grid.face_nodes)]
     other = Grid.unstructured(grid.node_x, grid.node_y, clockwise)
     assert (other.face_nodes == grid.face_nodes).all()
     assert other.area == pytest.approx(grid.area)

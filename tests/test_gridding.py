@@ -227,14 +227,10 @@ def test_a_square_lattice_under_pressure_has_the_stress_of_force_over_spacing():
     grid = Grid.uniform((0, n * side), (0, n * side), shape=(2, 2))
     x, y = (side * (np.indices((n, n)).reshape(2, -1) + 0.5))[::-1]
     still = np.zeros(n * n)
-    along_x = internal_stress(
-        grid, x, y, still + side, still, still - 3e4, still, (n * side,) * 2
-    )
+    along_x = internal_stress(grid, x, y, still + side, still, still - 3e4, still, (n * side,) * 2)
     assert along_x.xx == pytest.approx(-3e4 / side, rel=1e-12)
     assert np.abs(along_x.yy).max() == np.abs(along_x.xy).max() == 0
-    along_y = internal_stress(
-        grid, x, y, still, still + side, still, still - 3e4, (n * side,) * 2
-    )
+    along_y = internal_stress(grid, x, y, still, still + side, still, still - 3e4, (n * side,) * 2)
     xx, yy = along_x.xx + along_y.xx, along_x.yy + along_y.yy
     assert pressure(xx, yy) == pytest.approx(3e4 / side, rel=1e-12)  # compression: positive
     assert maximum_shear(xx, along_x.xy, yy) == pytest.approx(0, abs=1e-9)

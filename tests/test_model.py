@@ -33,7 +33,10 @@ def test_arrays_of_physics_that_is_not_listed_do_not_exist():
     assert elastic.moving is elastic.spinning is elastic.angle is elastic.inertia is None
     assert pairs.slip is pairs.bonded is None
     bonded, pairs = packed(contact=cohesive())
-    assert bonded.place.dtype.names == ("x", "y", "r", "h") and bonded.force.dtype.names == ("x", "y")
+    assert bonded.place.dtype.names == ("x", "y", "r", "h") and bonded.force.dtype.names == (
+        "x",
+        "y",
+    )
     assert pairs.slip is None and pairs.bonded is not None
     rubbing, pairs = packed(contact=frictional())
     assert "omega" in rubbing.place.dtype.names and "torque" in rubbing.force.dtype.names
@@ -64,7 +67,9 @@ def push_code(*forces):
 def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
     assert "sqrt" in push_code(OceanDrag())
     assert "sqrt" not in push_code(Coriolis(1e-4))
-    assert len(push_code()) < len(push_code(Coriolis(1e-4))) < len(push_code(OceanDrag(), AirDrag()))
+    assert (
+        len(push_code()) < len(push_code(Coriolis(1e-4))) < len(push_code(OceanDrag(), AirDrag()))
+    )
 
 
 def contact_code(law):

@@ -225,7 +225,9 @@ def test_areas_on_the_sphere_are_those_of_the_formulas():
     np.testing.assert_allclose(sphere_area(octant, 1.0), np.pi / 2, rtol=1e-14)
     # one metre: the triangle of the plane
     step = np.degrees(1.0 / EARTH_RADIUS)
-    tiny = Grid.unstructured([20, 20 + step / np.cos(np.radians(80)), 20], [80, 80, 80 + step], [[0, 1, 2]])
+    tiny = Grid.unstructured(
+        [20, 20 + step / np.cos(np.radians(80)), 20], [80, 80, 80 + step], [[0, 1, 2]]
+    )
     np.testing.assert_allclose(sphere_area(tiny), 0.5, rtol=1e-6)
 
 
@@ -260,9 +262,7 @@ def test_a_host_on_the_sphere_gets_the_force_of_ice_in_the_plane():
     plane = project(host, "+proj=stere +lat_0=90 +lat_ts=60 +lon_0=0 +x_0=0 +y_0=1200000")
     regrid = Regrid(plane, ice, source_area=sphere_area(host))
     q = np.full(ice.size, 0.1)
-    np.testing.assert_allclose(
-        regrid.flux(q) @ sphere_area(host), q @ ice.area, rtol=1e-13
-    )
+    np.testing.assert_allclose(regrid.flux(q) @ sphere_area(host), q @ ice.area, rtol=1e-13)
     assert abs(plane.area / sphere_area(host) - 1).max() > 0.05  # what forgetting it would cost
     equal = project(host, "+proj=laea +lat_0=79 +lon_0=0")
     assert abs(equal.area.sum() / sphere_area(host).sum() - 1) < 0.02

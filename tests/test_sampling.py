@@ -124,9 +124,7 @@ def test_moving_floes_across_the_seam_by_one_cell_moves_their_weights_by_one_cel
     step = SIDE / CELLS
     here = dense(floe_weights(grid, x, y, radius, accuracy, PERIOD)).reshape(-1, CELLS, CELLS)
     there = dense(floe_weights(grid, x + step, y, radius, accuracy, PERIOD))
-    assert np.roll(here, 1, axis=2) == pytest.approx(
-        there.reshape(-1, CELLS, CELLS), abs=1e-12
-    )
+    assert np.roll(here, 1, axis=2) == pytest.approx(there.reshape(-1, CELLS, CELLS), abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)

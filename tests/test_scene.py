@@ -191,7 +191,7 @@ def test_toml_and_yaml_say_the_same(write, two):
         "time: {duration: 10}\n",
         "scene.yaml",
     )
-    assert read_scene(yaml) == read_scene(two)
+    assert read_scene(yaml).model_dump() == read_scene(two).model_dump()
 
 
 def test_overrides_reach_tables_lists_and_words(two):
@@ -224,7 +224,7 @@ def test_the_preset_gives_the_papers_scheme_and_lever_arms_unless_the_scene_says
     scene = read_scene(two, ["preset=damsgaard2018", "step.scheme=taylor2", "step.epsilon=0.05"])
     assert scene.step_law() == Step(scheme="taylor2", epsilon=0.05)
     scene = read_scene(
-        two, ["preset=damsgaard2018", "contact={friction = {law = \"coulomb\"}}", "step.length=0.1"]
+        two, ["preset=damsgaard2018", 'contact={friction = {law = "coulomb"}}', "step.length=0.1"]
     )
     assert scene.contact_law().friction == Coulomb()
     assert scene.step_law() == Step(scheme="taylor3", length=0.1)
@@ -399,21 +399,17 @@ def test_a_packaged_scene_is_read_without_complaint_and_its_files_are_there(name
 def test_a_copied_scene_has_its_data_beside_it(name, tmp_path):
     files = copy_scene(name, tmp_path / "mine.toml")
     copied = read_scene(tmp_path / "mine.toml")
-    assert copied == read_scene(name)
+    assert copied.model_dump() == read_scene(name).model_dump()
     assert all((tmp_path / path).exists() for path in copied.paths())
     assert copy_scene(name, tmp_path / "mine.toml") == files  # the same again is no loss
     (tmp_path / "mine.toml").write_text("edited")
     with pytest.raises(InputError, match="exists already"):
         copy_scene(name, tmp_path / "mine.toml")
     copy_scene(name, tmp_path / "mine.toml", force=True)
-    assert read_scene(tmp_path / "mine.toml") == copied
+    assert read_scene(tmp_path / "mine.toml").model_dump() == copied.model_dump()
 
 
 def test_every_key_of_a_scene_is_described():
     rows = list(keys(Scene))
     assert len(rows) > 100
-    bare = {f"{table}.{key}" for table, key, _, text in rows if not text}
-    undocumented_laws = {row for row in bare if not row.startswith(("contact.", "floes.size."))}
-    assert not {row for row in undocumented_laws if row.count(".") < 2 and "." in row} - {
-        "domain.west", "domain.east", "domain.south", "domain.north", "body_force.x", "body_force.y"
-    }  # fmt: skip
+    assert [f"{table}.{key}" for table, key, _, text in rows if not text] == []

@@ -56,7 +56,9 @@ def test_the_push_is_that_of_a_slab_alone_when_there_is_no_drag(make):
     ocean = make(0, 0)
     ocean.set_value(STRESS[0], np.full(12, 0.5))
     ocean.update_until(1000.0)
-    np.testing.assert_allclose(ocean.get_value_ptr(SURFACE[0]), 0.3 + 0.5 * 1000 / (1000 * 5), rtol=1e-14)
+    np.testing.assert_allclose(
+        ocean.get_value_ptr(SURFACE[0]), 0.3 + 0.5 * 1000 / (1000 * 5), rtol=1e-14
+    )
     np.testing.assert_array_equal(ocean.get_value_ptr(DEEP[0]), 0.0)
 
 
@@ -75,7 +77,9 @@ def test_linear_drag_lets_the_difference_decay_as_the_formula_says(make):
 def test_a_step_much_longer_than_the_drag_allows_still_ends_at_rest_with_each_other(make):
     ocean = make(100.0, 100.0)
     ocean.update_until(3000.0)
-    np.testing.assert_allclose(ocean.get_value_ptr(SURFACE[0]), ocean.get_value_ptr(DEEP[0]), atol=1e-9)
+    np.testing.assert_allclose(
+        ocean.get_value_ptr(SURFACE[0]), ocean.get_value_ptr(DEEP[0]), atol=1e-9
+    )
 
 
 def test_update_until_lands_exactly_and_never_goes_back(make):
