@@ -50,7 +50,9 @@ class Ledger:
         q = QUANTITIES.index(quantity)
         gained = sum(row[q] for row in self.accounts.values())
         residual = self.now[q] - self.start[q] - gained
-        scale = max(abs(self.start[q]), abs(self.now[q]), self.turnover[q])
+        # momentum is a vector: one component may be next to nothing beside the other
+        of = slice(1, 3) if quantity.startswith("momentum") else slice(q, q + 1)
+        scale = np.abs([self.start[of], self.now[of], self.turnover[of]]).max()
         return Balance(
             float(self.start[q]),
             float(gained),

@@ -330,6 +330,9 @@ def _print_keys() -> None:
     from floebmi.scene import Scene
     from floebmi.tables import keys
 
+    click.echo(
+        "Every number is in SI units (m, s, m/s, Pa, kg/m³); angles on the globe in degrees."
+    )
     above = None
     for table, key, default, text in keys(Scene):
         if table != above:

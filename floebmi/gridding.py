@@ -55,7 +55,7 @@ class Coverage(NamedTuple):
     cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
     area : (m,) area of the floe in the cell [m²]
     size : number of cells of the grid
-    outside : (n,) area of each floe outside the grid [m²]
+    outside : (n,) area of each floe outside the grid [m²], to round-off of its whole area
     """
 
     start: np.ndarray
@@ -118,9 +118,7 @@ def coverage(
     x, y, radius = check_floes(x, y, radius)
     start, cell, area = overlap_areas(grid, x, y, radius, period, only_wet=False)
     inside = np.bincount(_floe(start), weights=area, minlength=radius.size)
-    outside = np.pi * radius**2 - inside
-    outside[np.abs(outside) <= 1e-13 * inside] = 0.0  # round-off of a floe that lies inside
-    return Coverage(start, cell, area, grid.size, outside)
+    return Coverage(start, cell, area, grid.size, outside=np.pi * radius**2 - inside)
 
 
 def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
@@ -331,7 +329,6 @@ def internal_stress(
     x, y, dx, dy, fx, fy = arrays
     contact, cell, share = branch_shares(grid, x, y, dx, dy, period)
     outside_share = 1.0 - np.bincount(contact, weights=share, minlength=x.size)
-    outside_share[np.abs(outside_share) <= 1e-13] = 0.0  # round-off of a branch that lies inside
     stress, outside = [], []
     for virial in (fx * dx, 0.5 * (fx * dy + fy * dx), fy * dy):
         spread = np.bincount(cell, weights=share * virial[contact], minlength=grid.size)

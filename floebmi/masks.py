@@ -55,11 +55,13 @@ def find_mask(
     Without names, masks are known by standard_name, then by well-known names; those of other points of a
     staggered grid have other dimensions.
     """
+    if not dims:
+        return None
     fitting = [
         str(name)
         for name, a in file.data.variables.items()
-        if {d for d in a.dims if a.sizes[d] > 1} <= set(dims) <= set(a.dims)
-        or (set(dims) <= set(a.dims) and str(name).lower() in _WATER | _LAND)
+        if set(dims) <= set(a.dims)
+        and (str(name).lower() in _WATER | _LAND or all(a.sizes[d] == 1 for d in {*a.dims} - {*dims}))
     ]
     if names is not None:
         found = next((n for n in names if n in fitting), None)

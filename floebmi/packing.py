@@ -29,7 +29,7 @@ from floebmi.sizes import Sizes, check_sizes
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
 OVERSHOOT = 1.5  # push beyond the point of touching: fewer sweeps, as in successive over-relaxation
-SKIN = 0.6  # of the pair list, in median radii
+SKIN = (0.6, 2.0)  # of the pair list, in median radii; the wider, the more the floes overlap
 NARROW = 1.05  # floes whose radii differ by less than this factor are shaken, not swapped
 SHAKE = 0.7  # in mean overlaps
 SWEEPS = 6000  # after which a packing is given up
@@ -934,6 +934,8 @@ def _press(
     )
     lengths = np.array([np.inf if length is None else length for length in domain.period])
     typical = float(np.median(pressed[:n]))
+    # a pair must not be able to meet across two sides of a period, see find_pairs
+    widest = 2 * max(float(lengths.min()) / 4 * (1 - 1e-9) - float(pressed.max()), 0.0)
     skin, worst = 0.0, 1.0
     narrow = size[:n].max() < NARROW * size[:n].min()
     every = 5 if narrow else 3
@@ -942,10 +944,7 @@ def _press(
     done, moved, grown = 0, np.inf, 0.0
     while done < sweeps:
         if moved + grown >= skin / 2:
-            import os
-
-            A, B = map(float, os.environ.get("AB", "1,2").split(","))
-            skin = typical * min(max(A * worst, SKIN), B)
+            skin = min(typical * min(max(2 * worst, SKIN[0]), SKIN[1]), widest)
             _wrap(all_x[:n], all_y[:n], domain)
             _, i, j = find_pairs(all_x, all_y, pressed + skin / 2, domain.period)
             i, j = _some_free(i, j, movable)

@@ -401,7 +401,7 @@ def _scale_of(
             spread = 0.02 * high if high - low < 1e-6 * high else 0.0
             limits = low - spread, high + spread
         else:
-            limits = (0.0, largest) if high > 0 else (-largest, 0.0)
+            limits = (-largest, 0.0) if low < 0.0 else (0.0, largest)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
     shown = extend.get((low < limits[0], high > limits[1]), "neither")
     cmap = matplotlib.colormaps["PuOr_r" if signed else "viridis"]
@@ -631,7 +631,7 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
         *(values[there] for values in (x, y, u, v)),
         color=INK, angles="xy", scale_units="xy", scale=usual / (0.045 * width),
         edgecolor="white", linewidth=0.3,
-        width=0.002, headwidth=4, zorder=5,
+        width=0.0025, headwidth=4, zorder=5,
     )  # fmt: skip
     label = f"{word} {key:g} {units}"
     above = axes.quiverkey(drawn, 0.5, 1.03, key, label, labelpos="E", coordinates="axes")
@@ -860,14 +860,15 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
     panels = figure.subplots(2, 2, sharex=True)
     for q, (axes, name, unit) in enumerate(zip(panels.flat, QUANTITIES, UNITS, strict=True)):
         gain = stock[:, q] - stock[0, q]
-        axes.axhline(0.0, color="0.8", lw=0.8)
-        for a, account in enumerate(accounts):
-            if gained[:, a, q].any():
-                axes.plot(time, gained[:, a, q] - gained[0, a, q], label=account, color=f"C{a % 7}")
-        axes.plot(time, gain, color="black", lw=2.0, label="gain of the ice")
-        residual = gain - (gained[:, :, q] - gained[0, :, q]).sum(axis=1)
-        axes.plot(time, residual, color="black", ls=":", label="residual")
-        if not (gain.any() or gained[:, :, q].any()):
+        accounts_of = gained[:, :, q] - gained[0, :, q]
+        residual = gain - accounts_of.sum(axis=1)
+        axes.plot(time, gain, color="0.75", lw=5.0, solid_capstyle="butt", label="gain of the ice")
+        for a in np.flatnonzero(accounts_of.any(axis=0)):
+            axes.plot(time, accounts_of[:, a], label=accounts[a], color=f"C{a % 7}")
+        turnover = max(np.abs(accounts_of).max(initial=0.0), np.abs(gain).max())
+        share = f" ({np.abs(residual).max() / turnover:.1g} of it)" if turnover else ""
+        axes.plot(time, residual, color="black", ls=":", label=f"residual{share}")
+        if not turnover:
             axes.set_ylim(-1.0, 1.0)
         axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
         axes.legend()

@@ -410,7 +410,6 @@ class FluidTable(Table):
         None, description="its variable of the first component, if names do not tell"
     )
     v: str | None = Field(None, description="its variable of the second component")
-    grid: GridTable | None = Field(None, description="a grid of its own; else that of [grid]")
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -437,6 +436,7 @@ class Atmosphere(FluidTable):
     drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field(  # type: ignore[valid-type]
         "damsgaard2018", description="a preset, or a table of coefficients"
     )
+    grid: GridTable | None = Field(None, description="a grid of its own; else that of [grid]")
 
 
 class CoriolisTable(Table):
@@ -643,10 +643,6 @@ class Scene(Table):
         wind_grid = None
         if self.atmosphere is not None:
             wind_grid = self._grid("atmosphere.grid", self.atmosphere.grid, domain) or grid
-        if self.ocean is not None and self.ocean.grid is not None:
-            raise InputError(
-                f"{self._file}: [ocean.grid]: the ocean's grid is [grid]; leave this out"
-            )
         coast = None
         if self.coast is not None:
             with self._place("coast"):

@@ -62,12 +62,13 @@ def table_of(law: Callable[..., Any], key: str | None = None, word: str | None =
     """
     texts = parameter_texts(law)
     hints = get_type_hints(law, include_extras=True)
-    fields: dict[str, Any] = {
+    fields: dict[str, Any] = {}
+    if key is not None:
+        fields[key] = (Literal[word], Field(word, description=summary(law)))
+    fields |= {
         name: (hints[name], Field(_required(one.default), description=texts.get(name)))
         for name, one in inspect.signature(law).parameters.items()
     }
-    if key is not None:
-        fields[key] = (Literal[word], Field(word, description=summary(law)))
     return create_model(law.__name__, __base__=Table, __doc__=law.__doc__, **fields)
 
 
@@ -124,18 +125,24 @@ def _tag(word: object) -> str:
     return f"={word}"
 
 
-def keys(table: Any, path: str = "") -> Iterator[tuple[str, str, str, str]]:
-    """Each key of a declaration: (table, key, default, description); sub-tables after their table."""
+def keys(
+    table: Any, path: str = "", seen: set[tuple[str, Any]] | None = None
+) -> Iterator[tuple[str, str, str, str]]:
+    """Each key of a declaration once: (table, key, default, description); sub-tables after their table."""
+    seen = set() if seen is None else seen
     inner: list[tuple[str, Any]] = []
     for name, hint in _hints(table).items():
         default, text = _default(table, name)
         yield path, name, default, text
         inner += [(f"{path}.{name}".strip("."), sub) for sub in _tables_in(hint)]
-    for sub_path, sub in inner:
-        yield from keys(sub, sub_path)
+    for place in inner:
+        if place not in seen:
+            seen.add(place)
+            yield from keys(place[1], place[0], seen)
 
 
 def _default(table: Any, name: str) -> tuple[str, str]:
+    """A key's default, and what it means: its own text, its words, or what its table says."""
     if issubclass(table, BaseModel):
         field = table.model_fields[name]
         value = ... if field.is_required() else field.get_default(call_default_factory=True)
@@ -143,6 +150,11 @@ def _default(table: Any, name: str) -> tuple[str, str]:
     else:
         value = table._field_defaults.get(name, ...)
         text = parameter_texts(table).get(name, "")
+    hint = _hints(table)[name]
+    words = get_args(hint) if get_origin(hint) is Literal else ()
+    if len(words) > 1:
+        text = f"{text} ({', '.join(words)})".strip()
+    text = text or summary(table)
     if value is ...:
         return "required", text
     simple = isinstance(value, (str, int, float, bool))
@@ -501,7 +513,7 @@ def _message_of(declaration: Any, error: Any) -> str:
             if loc[-1] in _hints(member)
         ]
         text = _default(owners[0], loc[-1])[1] if owners else ""
-        return "is missing" + (f": {text}" if text else "")
+        return f"is missing: {text}"
     if kind == "literal_error":
         return choose(error["input"], re.findall(r"'([^']*)'", context["expected"]))
     if kind.startswith("union_tag"):

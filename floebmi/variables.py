@@ -15,6 +15,9 @@ from typing import Literal, NamedTuple
 from floebmi.errors import InputError, choose
 
 
+LONGEST_NAME = 40  # letters, of a variable in a file
+
+
 class Variable(NamedTuple):
     """One row of the table.
 
@@ -51,8 +54,9 @@ class Variable(NamedTuple):
 
     @property
     def file_name(self) -> str:
-        """Its name in a NetCDF file: the CF standard name where there is one, else `name`."""
-        return self.name if self.grid == "floe" else self.cf or self.name
+        """Its name in a NetCDF file: the CF standard name if there is one of a bearable length."""
+        short = self.grid == "floe" or self.cf is None or len(self.cf) > LONGEST_NAME
+        return self.name if short else self.cf
 
 
 class Axis(NamedTuple):

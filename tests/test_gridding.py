@@ -54,7 +54,7 @@ def test_area_in_the_cells_and_outside_is_the_area_of_each_floe(kind, seed, log_
 def test_on_a_periodic_grid_nothing_lies_outside(kind, seed, log_ratio):
     x, y, radius = random_floes(seed, log_ratio)
     cover = coverage(GRIDS[kind], x, y, radius, PERIOD)
-    assert (cover.outside == 0).all()
+    assert (np.abs(cover.outside) <= 1e-11 * np.pi * radius**2).all()  # the seam is at 1.2e4 m
     assert cover.area.sum() == pytest.approx((np.pi * radius**2).sum(), rel=1e-12)
 
 
@@ -164,8 +164,8 @@ def test_stress_times_area_and_the_outside_part_is_the_total_virial(kind, seed, 
     for k, virial in enumerate(virials):
         total = (stress[k] * grid.area).sum() + stress.outside[k]
         assert abs(total - virial.sum()) <= 1e-12 * np.abs(virial).sum()
-    if period == PERIOD:
-        assert (stress.outside == 0).all()
+        if period == PERIOD:
+            assert abs(stress.outside[k]) <= 1e-11 * np.abs(virial).sum()
 
 
 @settings(deadline=None, max_examples=20)

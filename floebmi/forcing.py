@@ -1,0 +1,536 @@
+"""Velocities that drive the floes: constants, functions of place and time, or files.
+
+A source has `fill(t, u, v)`, which writes the velocity [m/s] at the cells of a grid into two flat arrays, at t
+seconds after the start of the run, along the x and y axes of the floes' plane; and `span`, the first and last
+t for which it can, or None if always.  The model does not know where its velocities come from: a host model
+fills the same arrays.
+
+For a file all the geometry is done once.  With z = u + i v, places, turns, face averages, units and masks
+are one sparse complex matrix M, and every record costs one product, z_cells = M [u; v].
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal, Protocol, final
+
+import numpy as np
+from scipy import sparse
+
+from floebmi import cgrid
+from floebmi.cgrid import Stagger
+from floebmi.clock import BeyondSpan, Clock
+from floebmi.errors import InputError, choose
+from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
+from floebmi.grid import Grid
+from floebmi.interpolation import Corners, nearest, weights
+from floebmi.masks import Mask, find_mask, named_mask
+from floebmi.places import Net, Place, Position, place_of
+from floebmi.projection import to_lonlat
+
+if TYPE_CHECKING:
+    from floebmi.clock import Date
+    from floebmi.fields import File, Source
+
+Kind = Literal["ocean", "wind"]
+Vectors = Literal["auto", "east-north", "grid"]
+FillLand = Literal["error", "nearest", "dry"]
+
+# Components along east and north, or along the source's own axes; None: the name does not tell.
+_EAST, _GRID = "east-north", "grid"
+_VELOCITIES = {
+    "ocean": Wanted(
+        "surface current",
+        standard=(
+            ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity", _EAST),
+            ("eastward_sea_water_velocity", "northward_sea_water_velocity", _EAST),
+            ("surface_sea_water_x_velocity", "surface_sea_water_y_velocity", _GRID),
+            ("sea_water_x_velocity", "sea_water_y_velocity", _GRID),
+            ("x_sea_water_velocity", "y_sea_water_velocity", _GRID),
+        ),
+        short=(
+            ("uo", "vo", None),
+            ("u", "v", None),
+            ("uoce", "voce", None),
+            ("ssu", "ssv", None),
+            ("uos", "vos", None),
+            ("water_u", "water_v", _EAST),
+            ("vozocrtx", "vomecrty", _GRID),
+            ("sozocrtx", "somecrty", _GRID),
+            ("UVEL", "VVEL", _GRID),
+        ),
+    ),
+    "wind": Wanted(
+        "wind",
+        standard=(
+            ("eastward_wind", "northward_wind", _EAST),
+            ("x_wind", "y_wind", _GRID),
+            ("grid_eastward_wind", "grid_northward_wind", _GRID),
+        ),
+        short=(
+            ("u10", "v10", _EAST),
+            ("uas", "vas", _EAST),
+            ("U10M", "V10M", _EAST),
+            ("U10", "V10", None),
+            ("u10m", "v10m", _EAST),
+            ("Uwind", "Vwind", None),
+            ("uwind", "vwind", None),
+            ("x_wind_10m", "y_wind_10m", _GRID),
+        ),
+    ),
+}
+# Faster than any current or wind [m/s]: a wrong unit, or a fill value that the file does not declare.
+_FASTEST = {"ocean": 20.0, "wind": 200.0}
+# How far around the grid `fill_land = "nearest"` looks for water, in points of the source.
+_NEAREST_MARGIN = 25
+
+
+class VelocitySource(Protocol):
+    """What a run asks of a forcing."""
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last time [s] for which `fill` works; None: all times."""
+
+    def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
+        """Write the velocity [m/s] at t [s] into u, v (grid.size,)."""
+
+
+@final
+class Constant:
+    """The same velocity (u, v) [m/s] everywhere and always."""
+
+    span = None
+
+    def __init__(self, u: float = 0.0, v: float = 0.0) -> None:
+        if not (np.isfinite(u) and np.isfinite(v)):
+            raise InputError(f"Constant velocity ({u}, {v}): must be two finite numbers [m/s]")
+        self.u, self.v = float(u), float(v)
+
+    def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
+        """Write the velocity [m/s] into u, v (grid.size,)."""
+        u[:], v[:] = self.u, self.v
+
+    def __repr__(self) -> str:
+        return f"Constant(u={self.u:g}, v={self.v:g} m/s)"
+
+
+@final
+class Function:
+    """A velocity given by functions of (x, y, t), or by numbers, at the cells of a grid.
+
+    Parameters
+    ----------
+    u, v : numbers [m/s], or callables that take x, y (grid.size,) [m] and t [s] and return a number or an
+        array (grid.size,) [m/s]
+    grid : the grid whose cells are filled
+
+    Raises
+    ------
+    InputError
+        from `fill`, if a function returns another shape or a value that is not finite.
+    """
+
+    span = None
+
+    def __init__(self, u: Callable | float, v: Callable | float, grid: Grid) -> None:
+        self.u, self.v = u, v
+        self._x, self._y = grid.x, grid.y
+
+    def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
+        """Write the velocity [m/s] at t [s] into u, v (grid.size,)."""
+        for name, given, out in (("u", self.u, u), ("v", self.v, v)):
+            values = np.asarray(given(self._x, self._y, t) if callable(given) else given, float)
+            if values.shape not in ((), out.shape):
+                raise InputError(
+                    f"Function {name} at t = {t:g} s: shape {values.shape}; must be {out.shape}"
+                )
+            bad = np.flatnonzero(~np.isfinite(np.atleast_1d(values)))
+            if bad.size:
+                c = int(bad[0])
+                raise InputError(
+                    f"Function {name} at t = {t:g} s, cell {c} (x = {self._x[c]:g}, y = {self._y[c]:g} m):"
+                    f" {np.atleast_1d(values)[c]}; must be finite"
+                )
+            out[:] = values
+
+    def __repr__(self) -> str:
+        names = (getattr(f, "__name__", repr(f)) for f in (self.u, self.v))
+        return f"Function({', '.join(names)})"
+
+
+@final
+class VelocityFile:
+    """Currents or wind from NetCDF or Zarr, on the cells of a grid, in the floes' plane.
+
+    Two records are in memory, as values at the grid's cells; of each record only the block of points around
+    the grid is read.
+
+    Parameters
+    ----------
+    path : a file, several that hold the parts (u, v, positions, masks), or an opened xarray data set (for many
+        files in a row: `xarray.open_mfdataset`)
+    grid : the cells to fill; only its wet cells need data
+    kind : "ocean" (surface current) or "wind" (10 m)
+    projection : the plane of grid.x, grid.y: PROJ string, EPSG code …; None if it is the file's own x, y
+    variables : names (u, v); default: by standard_name, else by well-known names
+    start : the date of t = 0; default: the first record
+    vectors : "east-north" (components along east and north) or "grid" (along the source's own axes);
+        "auto" takes what standard_name, a staggered grid, or an `angle` says
+    stagger : see `floebmi.cgrid`
+    depth : of all levels the one nearest to this depth [m] is taken
+    select : index along a dimension that is neither time, level nor horizontal, {"member": 3}
+    units : units of the components if the file does not say them
+    mask : name of the land-sea mask at the centres; "auto" finds one (kind "ocean"), "none" takes NaN alone
+    fill_land : what a wet cell without water of the source around it gets: "error", the velocity of the
+        "nearest" water, or 0 ("dry": mask the grid with `covered` then)
+    position, file_projection : see `floebmi.places.place_of`
+    beyond_span : "error", "hold" or "repeat", see `floebmi.clock.Clock`
+
+    Attributes
+    ----------
+    covered : (grid.size,) bool, True where there are data
+    projection : the plane, as given or the file's own; None if the file does not say
+    span : first and last time [s] with data, or None
+
+    Notes
+    -----
+    A point of the source is used if the mask says water and its first record is not NaN.  A value that is
+    NaN later is an error, never land.  Interpolation is bilinear between used points alone, weights scaled
+    to sum to 1.
+
+    Raises
+    ------
+    InputError
+        whenever the file leaves open what is meant, or does not cover the wet cells.
+    """
+
+    def __init__(
+        self,
+        path: Source,
+        grid: Grid,
+        *,
+        kind: Kind = "ocean",
+        projection: str | None = None,
+        variables: Sequence[str] | None = None,
+        start: Date | None = None,
+        vectors: Vectors = "auto",
+        stagger: Stagger = "auto",
+        depth: float = 0.0,
+        select: dict[str, int] | None = None,
+        units: str | None = None,
+        mask: str = "auto",
+        fill_land: FillLand = "error",
+        position: Position = "auto",
+        file_projection: str | None = None,
+        beyond_span: BeyondSpan = "error",
+    ) -> None:
+        _among("kind", kind, _VELOCITIES)
+        _among("vectors", vectors, ("auto", "east-north", "grid"))
+        _among("stagger", stagger, ("auto", "none", "before", "after"))
+        if variables is not None and (isinstance(variables, str) or len(variables) != 2):
+            raise InputError(f"variables = {variables!r}: must be two names, of u and of v")
+        files = open_files(path)
+        found = find(files, _VELOCITIES[kind], variables, "variables")
+        u, v = (field(f, name, depth, select) for f, name in found.variables)
+        self._kind, self._u, self._v = kind, u, v
+        self._label = f"{u.file.label}: {u.name}, {v.name}"
+        factors = [velocity_factor(units or f.array.attrs.get("units"), f.label) for f in (u, v)]
+        self._clock = _common_clock(u, v, start, beyond_span)
+
+        staggered = stagger in ("before", "after") or (stagger == "auto" and u.dims != ())
+        staggered = staggered and (stagger != "auto" or cgrid.is_staggered(u, v))
+        options = projection, position, file_projection
+        beside_u = beside_v = (0,)
+        if not staggered:
+            home, dims, place = u.file, u.dims, place_of(u.file, u.array, u.dims, *options)
+            _same_shape(u, v)
+        else:
+            if stagger == "auto" or u.dims != v.dims or u.file is not v.file:
+                home, dims, place = cgrid.centres(files, u, v, *options)
+            else:
+                home, dims, place = u.file, u.dims, place_of(u.file, u.array, u.dims, *options)
+            derived = stagger == "auto" and (home, dims) == (u.file, u.dims)
+            beside_u = cgrid.offsets(u, place, stagger, 1, derived)
+            beside_v = cgrid.offsets(v, place, stagger, 0, derived)
+            staggered = beside_u != (0,) or beside_v != (0,)
+        self.projection = place.plane
+
+        around, box = _around(place, grid, grid.wet, self._label, _margin(fill_land))
+        across_u, u_columns = cgrid.mean_of_faces(u.shape[1], box.columns, beside_u, place.periodic)
+        across_v, v_rows = cgrid.mean_of_faces(v.shape[0], box.rows, beside_v, False)
+        self._u_box, self._v_box = Box(box.rows, u_columns), Box(v_rows, box.columns)
+        mean_u = sparse.kron(sparse.identity(box.shape[0]), across_u, format="csr")
+        mean_v = sparse.kron(across_v, sparse.identity(box.shape[1]), format="csr")
+
+        self._mask = _mask(mask, kind, home, dims)
+        water = None if self._mask is None else self._mask.read(box)
+        open_u = self._open(u, self._u_box, mean_u, water)
+        open_v = self._open(v, self._v_box, mean_v, water)
+        flow_u, flow_v = (m @ o > 0 for m, o in ((mean_u, open_u), (mean_v, open_v)))
+        wet = ((flow_u | flow_v) if staggered else (flow_u & flow_v)).reshape(box.shape)
+        if water is not None:
+            wet &= water
+        rows, self._note = _rows(around, box, place, grid, wet, fill_land, self._label)
+        self.covered = np.diff(rows.indptr) > 0
+
+        turn, self._turned = self._turn(place, found.word, vectors, staggered, home, dims, box)
+        turned = rows @ sparse.diags(np.exp(1j * np.nan_to_num(turn.ravel())))
+        self._matrix = sparse.hstack(
+            [
+                turned @ mean_u @ sparse.diags(factors[0] * open_u),
+                1j * turned @ mean_v @ sparse.diags(factors[1] * open_v),
+            ],
+            format="csr",
+        )
+        self._matrix.eliminate_zeros()
+        self._records: dict[int, np.ndarray] = {}
+        said = [units or f.array.attrs.get("units") for f in (u, v)]
+        self._text = (
+            f"{self._label} by {found.how}"
+            f" [{' and '.join(dict.fromkeys(map(str, said)))}{_times(factors)}]"
+            f"{', C grid' if staggered else ''}{_levels(u)}; {place.text}; {self._turned}"
+        )
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last time [s] for which `fill` works; None: all times."""
+        return self._clock.span
+
+    def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
+        """Write the velocity [m/s] at t [s] into u, v (grid.size,), linear between records; 0 where not covered.
+
+        Raises
+        ------
+        InputError
+            outside the file's times, or for a value that is not a velocity, with variable, index and date.
+        """
+        before, after, weight = self._clock.bracket(t)
+        z = self._record(before)
+        if weight:
+            z = (1 - weight) * z + weight * self._record(after)
+        u[:], v[:] = z.real, z.imag
+        self._records = {k: self._records[k] for k in {before, after} & self._records.keys()}
+
+    def _record(self, record: int) -> np.ndarray:
+        """u + i v (grid.size,) [m/s] of one record, at the cells."""
+        if record not in self._records:
+            values = np.concatenate(
+                [f.read(record, b).ravel() for f, b in self._parts()]
+            )
+            z = self._matrix @ values
+            bad = ~(np.abs(z) <= _FASTEST[self._kind])  # NaN is bad, too
+            if bad.any():
+                raise InputError(self._what_is_bad(record, int(bad.argmax()), values))
+            self._records[record] = z
+        return self._records[record]
+
+    def _parts(self) -> tuple[tuple[Field, Box], tuple[Field, Box]]:
+        return (self._u, self._u_box), (self._v, self._v_box)
+
+    def _what_is_bad(self, record: int, cell: int, values: np.ndarray) -> str:
+        row = self._matrix[cell]
+        size = values[row.indices] * np.abs(row.data)
+        worst = row.indices[np.argmax(np.where(np.isfinite(size), np.abs(size), np.inf))]
+        n_u = int(np.prod(self._u_box.shape))
+        part, box = self._parts()[int(worst >= n_u)]
+        j, i = np.unravel_index(worst - n_u * (worst >= n_u), box.shape)
+        place = f"[{box.rows.start + j}, {box.columns.start + i}]" if part.dims else ""
+        return (
+            f"{part.label}{place} at {self._clock.date(record)}: {values[worst]:g} on water beside grid"
+            f" cell {cell}; must be a velocity below {_FASTEST[self._kind]:g} m/s (an undeclared fill value,"
+            " wrong units, or a hole in the data?)"
+        )
+
+    def _open(
+        self, part: Field, box: Box, mean: sparse.csr_matrix, water: np.ndarray | None
+    ) -> np.ndarray:
+        """1.0 where a component has a value and the masks let it flow, else 0.0: (points of box,)."""
+        is_open = np.isfinite(part.read(0, box)).ravel()
+        names = {"u": ("mask_u", "umask"), "v": ("mask_v", "vmask")}
+        own = find_mask(part.file, part.dims, names["u" if part is self._u else "v"])
+        if water is not None:
+            if own is not None:
+                is_open &= own.read(box).ravel()
+            else:
+                is_open &= cgrid.open_faces(mean, water)
+        return is_open.astype(float)
+
+    def _turn(
+        self,
+        place: Place,
+        word: str | None,
+        vectors: Vectors,
+        staggered: bool,
+        home: File,
+        dims: tuple[str, ...],
+        box: Box,
+    ) -> tuple[np.ndarray, str]:
+        """Angle [rad] from the plane's x axis to that of the components, in a box, and words about it."""
+        angle_name = next((n for n in ("angle", "ANGLE", "anglet") if n in home.data), None)
+        if vectors == "auto":
+            if place.east_is_x or not place.knows_east:
+                vectors = "grid"
+            elif staggered and word == _EAST:
+                raise InputError(
+                    f"{self._label}: staggered, so along the grid's axes, yet their standard_name says"
+                    " east and north: say vectors = 'grid' or 'east-north'"
+                )
+            elif staggered or (word is None and angle_name and len(dims) == 2):
+                vectors = "grid"
+            elif word is not None:
+                vectors = word
+            elif place.shape == (1, 1):
+                vectors = "east-north"
+            else:
+                raise InputError(
+                    f"{self._label}: nothing says whether they point along east and north or along the"
+                    " grid's axes: say vectors = 'east-north' or 'grid'"
+                )
+        if vectors == "east-north":
+            if not place.knows_east:
+                raise InputError(
+                    f"{self._label}: vectors = 'east-north', but the file does not say where east is"
+                )
+            turn, what = place.east(box), "east, north"
+        elif angle_name and dims and set(home.data[angle_name].dims) == set(dims):
+            turn, what = self._by_angle(place, home, angle_name, dims, box)
+        else:
+            turn, what = place.own(box), "grid axes"
+        low, high = np.degrees(np.nanmin(turn)), np.degrees(np.nanmax(turn))
+        if low == high == 0:
+            return turn, f"{what} = x, y"
+        return turn, f"{what} turned by {low:.1f} … {high:.1f}° to x, y"
+
+    def _by_angle(
+        self, place: Place, home: File, name: str, dims: tuple[str, ...], box: Box
+    ) -> tuple[np.ndarray, str]:
+        """A file's own angle from east to its x axis (ROMS), checked against the places of its points."""
+        array = home.data[name]
+        angle = np.asarray(array.transpose(*dims)[tuple(box)].values, float)
+        if str(array.attrs.get("units", "radians")).lower().startswith("deg"):
+            angle = np.radians(angle)
+        turn = place.east(box) + angle
+        if isinstance(place, Net):
+            away = np.angle(np.exp(1j * (turn - place.own(box))))
+            worst = float(np.nanmedian(np.abs(away)))
+            if worst > 0.1:
+                warnings.warn(
+                    f"{home.label}: {name} differs from the direction of its columns by"
+                    f" {np.degrees(worst):.1f}°; {name} is used",
+                    stacklevel=3,
+                )
+        return turn, f"grid axes by {name}"
+
+    def __repr__(self) -> str:
+        land = self._mask.name if self._mask is not None else "NaN"
+        cells = f"{int(self.covered.sum())} of {self.covered.size} cells{self._note}"
+        return f"VelocityFile({self._text}; land by {land}; {cells}; {self._clock})"
+
+
+def _among(name: str, value: object, allowed: Sequence[str] | dict) -> None:
+    if value not in allowed:
+        raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
+
+
+def _times(factors: list[float]) -> str:
+    return "".join(f" × {f:.6g}" for f in dict.fromkeys(factors) if f != 1)
+
+
+def _levels(part: Field) -> str:
+    return "".join(f", {dim}[{i}]" for dim, i in part.fixed.items())
+
+
+def _margin(fill_land: FillLand) -> int:
+    _among("fill_land", fill_land, ("error", "nearest", "dry"))
+    return _NEAREST_MARGIN if fill_land == "nearest" else 1
+
+
+def _common_clock(u: Field, v: Field, start: Date | None, beyond_span: BeyondSpan) -> Clock:
+    clock = Clock(u, start, beyond_span)
+    other = Clock(v, start if start is not None else None, beyond_span)
+    same = (clock.seconds is None) == (other.seconds is None)
+    if same and clock.seconds is not None:
+        same = np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)
+    if not same:
+        raise InputError(f"{u.label} and {v.label}: their times differ: {clock}, and {other}")
+    return clock
+
+
+def _same_shape(u: Field, v: Field) -> None:
+    if u.shape != v.shape:
+        raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
+
+
+def _mask(mask: str, kind: Kind, home: File, dims: tuple[str, ...]) -> Mask | None:
+    """The land-sea mask that is meant: wind blows over land, too, so there only a named one counts."""
+    if mask == "none" or not dims:
+        return None
+    if mask == "auto":
+        return find_mask(home, dims) if kind == "ocean" else None
+    return named_mask(home, dims, mask)
+
+
+def _around(
+    place: Place, grid: Grid, needed: np.ndarray, label: str, margin: int
+) -> tuple[Corners, Box]:
+    """The source points around each cell, and the block that holds them; all `needed` cells must be inside."""
+    around = place.corners(grid.x, grid.y)
+    lost = np.flatnonzero(around.outside & needed)
+    if lost.size:
+        c = lost[0]
+        at = f"x {grid.x[c]:.7g}, y {grid.y[c]:.7g} m"
+        if place.plane is not None:
+            lon, lat = to_lonlat(place.plane, grid.x[c], grid.y[c])
+            at += f" = lon {float(lon):.2f}, lat {float(lat):.2f}"
+        raise InputError(
+            f"{label}: {lost.size} of {int(needed.sum())} wet cells lie outside the file, the first is"
+            f" cell {c} at {at}; the file covers {place.extent()}"
+        )
+    inside = ~around.outside
+    if not inside.any():
+        return around, Box(slice(0, min(2, place.shape[0])), slice(0, min(2, place.shape[1])))
+    sides = []
+    for index, n in zip((around.row, around.column), place.shape, strict=True):
+        low, high = int(index[inside].min()) - margin, int(index[inside].max()) + 1 + margin
+        sides.append(slice(max(low, 0), min(high, n)))
+    return around, Box(*sides)
+
+
+def _rows(
+    around: Corners,
+    box: Box,
+    place: Place,
+    grid: Grid,
+    wet: np.ndarray,
+    fill_land: FillLand,
+    label: str,
+) -> tuple[sparse.csr_matrix, str]:
+    """The matrix (cells × points of box) that interpolates from wet points, and a note for the report.
+
+    Raises
+    ------
+    InputError
+        if a wet cell has no water of the source around it, and `fill_land` is "error".
+    """
+    inside = ~around.outside[:, None]
+    local = Corners(
+        np.where(inside, around.row - box.rows.start, 0),
+        np.where(inside, around.column - box.columns.start, 0),
+        around.weight,
+    )
+    rows = weights(local, wet)
+    bare = np.flatnonzero((np.diff(rows.indptr) == 0) & grid.wet & ~around.outside)
+    if not bare.size or fill_land == "dry":
+        return rows, f", {bare.size} wet cells have no data" if bare.size else ""
+    if fill_land == "nearest":
+        rows, away = nearest(rows, bare, (grid.x, grid.y), place.xy(box), wet)
+        if not (np.diff(rows.indptr)[bare] == 0).any():
+            return rows, f", {bare.size} of them from water up to {away / 1000:.1f} km away"
+    c = bare[0]
+    raise InputError(
+        f"{label}: {bare.size} of {int(grid.wet.sum())} wet cells have only land of the file around them,"
+        f" the first is cell {c} at x {grid.x[c]:.7g}, y {grid.y[c]:.7g} m: make them dry in the grid, or"
+        " take fill_land = 'nearest' or 'dry'"
+    )

@@ -1,0 +1,227 @@
+"""Runs: forcing, advance, frames, and what is left when a run ends early."""
+
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from floebmi import (
+    Domain,
+    Floes,
+    Grid,
+    InputError,
+    Model,
+    OceanDrag,
+    StabilityError,
+    Step,
+    frictional,
+    run,
+)
+from floebmi.output import load_restart
+from floebmi.running import duration_text
+
+BOX = Domain((0.0, 1000.0), (0.0, 1000.0))
+
+
+def drifting(u=0.0):
+    """Two floes that will meet, in an ocean."""
+    floes = Floes([300.0, 340.0], [500.0, 508.0], [20.0, 15.0], 1.0, u=[u, 0.0])
+    return Model(
+        BOX,
+        floes,
+        contact=frictional(),
+        forces=[OceanDrag()],
+        grid=Grid.uniform(BOX.x, BOX.y, spacing=100.0),
+    )
+
+
+class Ramp:
+    """A current that grows with time; remembers when it was asked for."""
+
+    def __init__(self, fails_at=np.inf, error=InputError("no data")):
+        self.times, self.fails_at, self.error = [], fails_at, error
+
+    def fill(self, t, u, v):
+        self.times.append(t)
+        if t > self.fails_at:
+            raise self.error
+        u[:] = 1e-3 * t
+        v[:] = 0.0
+
+
+def test_frames_and_exchanges_come_at_their_times_and_the_end_is_hit_exactly(tmp_path):
+    model, ramp = drifting(), Ramp()
+    report = run(
+        model, 70.0, ocean=ramp, exchange=10.0, every=20.0,
+        gridded=tmp_path / "grid.nc", trajectories=tmp_path / "floes.nc",
+    )  # fmt: skip
+    assert model.time == 70.0
+    assert report.finished
+    assert (report.start, report.end) == (0.0, 70.0)
+    frames = [0.0, 20.0, 40.0, 60.0, 70.0]
+    for name in ("grid.nc", "floes.nc"):
+        with xr.open_dataset(tmp_path / name, decode_times=False) as data:
+            assert data.time.values.tolist() == frames
+    assert report.files == (tmp_path / "grid.nc", tmp_path / "floes.nc")
+    # the forcing of an exchange is the one in its middle; that of a frame is the one at its time
+    assert sorted(set(ramp.times)) == sorted({*frames, 5.0, 15.0, 25.0, 35.0, 45.0, 55.0, 65.0})
+
+
+def test_a_frame_holds_the_forcing_of_its_own_time(tmp_path):
+    run(drifting(), 40.0, ocean=Ramp(), exchange=10.0, every=20.0, gridded=tmp_path / "grid.nc")
+    with xr.open_dataset(tmp_path / "grid.nc", decode_times=False) as data:
+        current = data["surface_sea_water_x_velocity"]
+        np.testing.assert_allclose(current[:, 0, 0], 1e-3 * data.time)
+
+
+def test_a_run_in_two_parts_gives_the_bits_of_one_run(tmp_path):
+    whole = drifting(u=0.5)
+    run(whole, 60.0, ocean=Ramp(), exchange=10.0, every=30.0)
+    first = drifting(u=0.5)
+    run(first, 30.0, ocean=Ramp(), exchange=10.0, every=30.0, restart=tmp_path / "half.nc")
+    second = drifting(u=0.5)
+    second.restore(load_restart(tmp_path / "half.nc")[0])
+    run(second, 30.0, ocean=Ramp(), exchange=10.0, every=30.0)
+    assert second.time == whole.time
+    for name in ("x", "y", "u", "v", "angle", "angular_velocity"):
+        np.testing.assert_array_equal(getattr(second.floes, name), getattr(whole.floes, name))
+    np.testing.assert_array_equal(second.ocean.impulse_x, whole.ocean.impulse_x)
+
+
+def test_many_exchanges_do_not_drift_from_the_clock():
+    model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0))
+    run(model, 100.0, exchange=0.1, every=1.0)
+    assert model.time == 100.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"duration": 0.0}, "duration = 0.0: must be greater than 0"),
+        ({"duration": np.nan}, "duration = nan"),
+        ({"every": -1.0}, "every = -1.0"),
+        ({"exchange": 7.0, "every": 10.0}, "must divide the time between frames, 10 s; 5 would"),
+        ({"exchange": 20.0, "every": 10.0}, "must divide"),
+        ({"atmosphere": Ramp()}, "list AirDrag among its forces"),
+        ({"reference": "yesterday"}, "yesterday"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_a_file_is_made(tmp_path, settings, said):
+    settings = {"duration": 10.0, "trajectories": tmp_path / "floes.nc"} | settings
+    with pytest.raises(InputError, match=said):
+        run(drifting(), **settings)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_exists_is_not_replaced_unless_asked(tmp_path):
+    path = tmp_path / "floes.nc"
+    path.write_text("dear")
+    with pytest.raises(InputError, match="floes.nc"):
+        run(drifting(), 10.0, trajectories=path)
+    assert path.read_text() == "dear"
+    run(drifting(), 10.0, trajectories=path, overwrite=True)
+    assert path.read_bytes() != b"dear"
+
+
+def test_forcing_that_ends_too_soon_leaves_readable_frames_and_a_state_to_go_on_from(tmp_path):
+    with pytest.raises(InputError, match="no data") as caught:
+        run(
+            drifting(), 60.0, ocean=Ramp(fails_at=40.0), exchange=10.0, every=20.0,
+            trajectories=tmp_path / "floes.nc", restart=tmp_path / "restart.nc",
+        )  # fmt: skip
+    assert "saved in" in caught.value.__notes__[0]
+    with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
+        assert data.time.values.tolist() == [0.0, 20.0, 40.0]
+    state, _ = load_restart(tmp_path / "restart.nc")
+    assert state["time"] == 40.0
+
+
+def test_a_run_that_becomes_unstable_saves_its_last_good_state(tmp_path):
+    floes = Floes([10.0, 29.9], [10.0, 10.0], 10.0, 1.0, u=[30.0, -30.0])
+    model = Model(BOX, floes, contact=frictional(), step=Step(length=1.0))
+    with pytest.raises(StabilityError) as caught:
+        run(model, 10.0, exchange=1.0, every=1.0, restart=tmp_path / "restart.nc")
+    assert str(tmp_path / "restart.nc") in caught.value.__notes__[0]
+    assert load_restart(tmp_path / "restart.nc")[0]["time"] == 0.0
+
+
+class Interrupts(Ramp):
+    """Presses Ctrl-C in the middle of a run, once or twice."""
+
+    def __init__(self, times):
+        super().__init__()
+        self.presses = times
+
+    def fill(self, t, u, v):
+        super().fill(t, u, v)
+        if t > 30.0 and self.presses:
+            self.presses -= 1
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_ctrl_c_ends_a_run_after_its_exchange_with_files_and_a_state(tmp_path):
+    model = drifting(u=0.5)
+    before = signal.getsignal(signal.SIGINT)
+    report = run(
+        model, 1000.0, ocean=Interrupts(1), exchange=10.0, every=100.0,
+        trajectories=tmp_path / "floes.nc", restart=tmp_path / "restart.nc",
+    )  # fmt: skip
+    assert signal.getsignal(signal.SIGINT) is before
+    assert not report.finished
+    assert report.end == model.time == 40.0
+    with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
+        assert data.time.values.tolist() == [0.0, 40.0]
+    assert load_restart(tmp_path / "restart.nc")[0]["time"] == 40.0
+
+
+def test_a_second_ctrl_c_ends_a_run_at_once_and_still_saves_a_state(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run(
+            drifting(), 1000.0, ocean=Interrupts(2), exchange=10.0, every=100.0,
+            restart=tmp_path / "restart.nc",
+        )  # fmt: skip
+    assert load_restart(tmp_path / "restart.nc")[0]["time"] in (30.0, 40.0)
+
+
+def test_a_run_works_in_a_thread_where_signals_cannot_be_caught():
+    model, done = drifting(), []
+    thread = threading.Thread(target=lambda: done.append(run(model, 20.0)))
+    thread.start()
+    thread.join()
+    assert done[0].finished
+
+
+def test_a_run_is_silent_unless_asked_and_the_meter_shows_time_and_speed(capsys):
+    run(drifting(), 10.0)
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "")
+    run(drifting(), 7200.0, every=1800.0, progress=True)
+    err = capsys.readouterr().err
+    assert "2 hours of 2 hours" in err
+    assert "floe-steps/s" in err
+
+
+def test_the_report_and_its_profile_say_what_was_done():
+    report = run(drifting(u=0.5), 60.0)
+    assert report.floe_steps == report.counters.floe_steps > 0
+    assert report.wall.total >= report.wall.ice > 0
+    assert "simulated in" in str(report)
+    assert "ocean drag" in str(report)
+    assert "renewals of the pair list" in report.profile()
+    energy = report.ledger.balance("energy")
+    assert energy.relative < 1e-3
+
+
+def test_a_scene_without_floes_runs_and_writes_files(tmp_path):
+    model = Model(BOX, Floes([], [], [], []), forces=[OceanDrag()])
+    run(model, 10.0, gridded=tmp_path / "grid.nc", trajectories=tmp_path / "floes.nc")
+    with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
+        assert data.sizes["trajectory"] == 0
+
+
+def test_durations_are_told_in_a_unit_that_suits_them():
+    told = [duration_text(seconds) for seconds in (0.5, 90.0, 300.0, 7200.0, 864000.0)]
+    assert told == ["0.5 s", "90 s", "5 minutes", "2 hours", "10 days"]
