@@ -19,8 +19,8 @@ grid cannot say what the cells are (curvilinear and unstructured exchange grids,
 the grid is "unstructured", one face per cell, corners counter-clockwise, numbers
 from 0.  The atmosphere has a grid of its own if the scene gives it one.
 
-Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize` and at the
-start of each exchange.  A host that writes a velocity of the ocean or of the air, by `set_value` or
+Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize`, and before each
+exchange with those of its middle, as in a run without a host.  A host that writes a velocity of the ocean or of the air, by `set_value` or
 through a pointer, has taken that fluid over: from then on the scene leaves it alone.  What nobody sets is
 still water and no wind.
 
@@ -288,7 +288,7 @@ class _Running:
         for name, source in (("ocean", built.ocean), ("atmosphere", built.atmosphere)):
             if source is not None:
                 self.sources[name] = source
-                self.fill(name)
+                self.fill(name, 0.0)
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
@@ -347,15 +347,15 @@ class _Running:
 
     # ---- who fills the inputs
 
-    def fill(self, name: str) -> None:
-        """Let the scene's own source fill a fluid, unless a host has written there."""
+    def fill(self, name: str, time: float) -> None:
+        """Let the scene's own source fill a fluid as it is at `time`, unless a host has written there."""
         fluid, source = self._fluid(name), self.sources.get(name)
         if source is None:
             return
         if name in self.filled and not np.array_equal(self.filled[name], _bits(fluid)):
             del self.sources[name]
             return
-        source.fill(self.model.time, fluid.u, fluid.v)
+        source.fill(time, fluid.u, fluid.v)
         self.filled[name] = _bits(fluid)
 
     def taken_over(self, row: Variable) -> None:
@@ -373,10 +373,10 @@ class _Running:
         rest = until - model.time
         count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
         for k in range(count):
-            for name in ("ocean", "atmosphere"):
-                self.fill(name)
             whole = k < count - 1 or model.time + self.step == until
             duration = self.step if whole else until - model.time
+            for name in ("ocean", "atmosphere"):
+                self.fill(name, model.time + 0.5 * duration)  # as a run does it
             model.advance(duration)
             fields = model.fields()
             if count > 1:

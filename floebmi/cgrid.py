@@ -12,19 +12,23 @@ as in the models themselves; a face beyond the end of the file is not known, and
 from __future__ import annotations
 
 import re
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy import sparse
 
 from floebmi.errors import InputError
 from floebmi.fields import Box, Field, File, role
-from floebmi.places import Net, Place, place_of
+from floebmi.places import Net, Place, Position, place_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Stagger = Literal["auto", "none", "before", "after"]
 Offsets = tuple[int, ...]  # the faces of centre c are c + offset
 _OFFSETS: dict[str, Offsets] = {"before": (0, 1), "after": (-1, 0), "none": (0,)}
-_CENTRE_NAMES = r"rho|grid_t|_t$|glamt|xc|tlon|geolon$"
+_CENTRE = r"rho|grid_t|_t$|glamt|xc|tlon|geolon$"
+_NOT_CENTRE = r"psi|_[fuv]$|grid_[fuvw]|[_xy]g$|glam[fuv]"
 _SAMPLE = 40
 
 
@@ -53,53 +57,68 @@ def centres(
     files: list[File],
     u: Field,
     v: Field,
+    stagger: Stagger,
     projection: str | None,
-    position: str,
+    position: Position,
     file_projection: str | None,
-) -> tuple[File, tuple[str, str], Place]:
-    """Where the centres of a staggered grid are: file, dimensions (rows, columns), place.
+) -> tuple[File, tuple[str, str], Place, Offsets, Offsets]:
+    """Where the centres of a staggered grid are, and which faces stand beside them.
 
     They are the rows of u with the columns of v if these have coordinates, else a longitude and latitude of
     their own in any of the files, else the middles between u points.
+
+    Returns
+    -------
+    file, dimensions (rows, columns) and place of the centres; offsets of u along columns, of v along rows
+
+    Raises
+    ------
+    InputError
+        if no centres are found, or which faces are beside them is not clear.
     """
-    where = f"{u.label}, {v.name}"
     options = (projection, position, file_projection)
-    tries = [(u.file, u.array, (u.rows, v.columns))]
-    others = [
+    taken = [(u.file, u.dims), (v.file, v.dims)] if is_staggered(u, v) else []
+    problem: InputError | None = None
+    for file, array, dims in [(u.file, u.array, (u.rows, v.columns)), *_nets(files, u)]:
+        if any(file is f and set(dims) == set(d) for f, d in taken):
+            continue
+        try:
+            place = place_of(file, array, dims, *options)
+        except InputError as error:
+            problem = problem or error
+            continue
+        beside = (_beside(u, place, stagger, 1), _beside(v, place, stagger, 0))
+        return file, dims, place, *beside
+    try:
+        faces = place_of(u.file, u.array, u.dims, *options)
+    except InputError as error:
+        faces, problem = None, problem or error
+    if not isinstance(faces, Net):
+        raise InputError(
+            f"{u.label}, {v.name}: a staggered grid, but its centres are not found"
+            f"{f' ({problem})' if problem else ''}; give the file that has their longitude and latitude"
+            " along with this one"
+        )
+    side = "after" if stagger == "auto" else stagger
+    order = slice(None) if side == "after" else slice(None, None, -1)
+    x, y = (_middles(a[:, order])[:, order] for a in (faces.x, faces.y))
+    text = f"{faces.text}, centres between u points"
+    place = Net(u.label, x, y, faces.plane, text)
+    return u.file, u.dims, place, _OFFSETS[side], _OFFSETS[side]
+
+
+def _nets(files: list[File], u: Field) -> list[tuple[File, xr.DataArray, tuple[str, str]]]:
+    """2-D longitudes that could be those of the centres: the likely names first."""
+    nets = [
         (f, f.data[name], tuple(str(d) for d in variable.dims[-2:]))
         for f in files
         for name, variable in f.data.variables.items()
-        if role(str(name), variable) == "lon" and variable.ndim >= 2
+        if role(str(name), variable) == "lon"
+        and variable.ndim >= 2
+        and np.abs(np.subtract(variable.shape[-2:], u.shape)).max() <= 1
+        and not re.search(_NOT_CENTRE, str(name).lower())
     ]
-    taken = [(u.file, u.dims), (v.file, v.dims)]
-    others = [
-        o
-        for o in others
-        if not any(o[0] is f and set(o[2]) == set(d) for f, d in taken)
-        and abs(o[0].data.sizes[o[2][0]] - u.shape[0]) <= 1
-        and abs(o[0].data.sizes[o[2][1]] - u.shape[1]) <= 1
-        and not re.search(r"psi|_f$|_[uv]$|grid_[uvf]|[_xy]g$", str(o[1].name).lower())
-    ]
-    others.sort(key=lambda o: not re.search(_CENTRE_NAMES, str(o[1].name).lower()))
-    problem = None
-    for file, array, dims in tries + others:
-        if (file, dims) in taken and u.file is not v.file:
-            continue
-        try:
-            return file, dims, place_of(file, array, dims, *options)
-        except InputError as error:
-            problem = problem or error
-            if "projection" in str(error):
-                raise
-    try:
-        faces = place_of(u.file, u.array, u.dims, *options)
-    except InputError:
-        faces = None
-    if not isinstance(faces, Net):
-        raise InputError(f"{where}: a staggered grid, but not where its centres are: {problem}")
-    x, y = (_middles(a) for a in (faces.x, faces.y))
-    text = f"{faces.text}, centres between u points"
-    return u.file, u.dims, Net(where, x, y, faces.plane, text)
+    return sorted(nets, key=lambda net: not re.search(_CENTRE, str(net[1].name).lower()))
 
 
 def _middles(u_points: np.ndarray) -> np.ndarray:
@@ -108,19 +127,13 @@ def _middles(u_points: np.ndarray) -> np.ndarray:
     return np.hstack([1.5 * u_points[:, :1] - 0.5 * u_points[:, 1:2], middle])
 
 
-def offsets(field: Field, place: Place, stagger: Stagger, axis: int, derived: bool) -> Offsets:
+def _beside(field: Field, place: Place, stagger: Stagger, axis: int) -> Offsets:
     """Which faces of a component lie beside a centre, along the component's axis (0 rows, 1 columns).
 
     Told by sizes, else by the places of the points, else by the names of the dimensions.
-
-    Raises
-    ------
-    InputError
-        if none of these tells, or sizes do not fit.
     """
     faces, centre = field.shape[axis], place.shape[axis]
-    across = field.shape[1 - axis], place.shape[1 - axis]
-    if across[0] != across[1] or abs(faces - centre) > 1:
+    if field.shape[1 - axis] != place.shape[1 - axis] or abs(faces - centre) > 1:
         raise InputError(
             f"{field.label}: {field.shape[0]} × {field.shape[1]} points do not fit"
             f" {place.shape[0]} × {place.shape[1]} cell centres"
@@ -129,11 +142,11 @@ def offsets(field: Field, place: Place, stagger: Stagger, axis: int, derived: bo
         return _OFFSETS[stagger]
     if faces != centre:
         return _OFFSETS["after" if faces < centre else "before"]
-    shift = None if derived else _shift(field, place, axis)
+    shift = _shift(field, place, axis)
     if shift is not None:
         return _OFFSETS["none" if abs(shift) < 0.25 else "before" if shift < 0 else "after"]
     dim = field.dims[axis].lower()
-    if derived or re.search(r"^(xi|eta)_[uv]$|grid_[uv]$", dim):  # ROMS, NEMO
+    if re.search(r"^(xi|eta)_[uv]$|grid_[uv]$", dim):  # ROMS, NEMO
         return _OFFSETS["after"]
     if re.search(r"^[xy](g|_g|u|v|_u|_v)$", dim):  # MITgcm
         return _OFFSETS["before"]

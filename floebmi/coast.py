@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
-from floebmi.floes import FIXED, Floes
+from floebmi.floes import COAST, Floes
 
 if TYPE_CHECKING:
     import shapely
@@ -353,7 +353,7 @@ def _coast(
     points.append(tips)
     radii.append(np.full(len(tips), smallest))
     x, y = np.concatenate(points).T
-    floes = Floes(x, y, np.concatenate(radii), thickness, motion=FIXED)
+    floes = Floes(x, y, np.concatenate(radii), thickness, motion=COAST)
     return Coast(floes, _rings(land))
 
 

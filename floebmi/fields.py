@@ -290,6 +290,8 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
     sizes = {str(d): n for d, n in array.sizes.items()}
     where = f"{file.label}: {name}({', '.join(sizes)})"
     for dim, index in select.items():
+        if dim not in file.data.sizes:
+            raise InputError(f"{where}: select {dim!r}: {choose(dim, map(str, file.data.sizes))}")
         if dim in sizes and not -sizes[dim] <= index < sizes[dim]:
             raise InputError(f"{where}: select {dim} = {index}: it has {sizes[dim]} entries")
     fixed = {d: i for d, i in select.items() if d in sizes}

@@ -24,10 +24,10 @@ from floebmi.clock import BeyondSpan, Clock
 from floebmi.errors import InputError, choose
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid
-from floebmi.interpolation import Corners, nearest, weights
-from floebmi.masks import Mask, find_mask, named_mask
+from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Place, Position, place_of
-from floebmi.projection import to_lonlat
+from floebmi.remap import FillLand, around_cells, interpolate
+from floebmi.scalars import read_scalar
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 Kind = Literal["ocean", "wind"]
 Vectors = Literal["auto", "east-north", "grid"]
-FillLand = Literal["error", "nearest", "dry"]
 
 # Components along east and north, or along the source's own axes; None: the name does not tell.
 _EAST, _GRID = "east-north", "grid"
@@ -82,8 +81,11 @@ _VELOCITIES = {
 }
 # Faster than any current or wind [m/s]: a wrong unit, or a fill value that the file does not declare.
 _FASTEST = {"ocean": 20.0, "wind": 200.0}
-# How far around the grid `fill_land = "nearest"` looks for water, in points of the source.
-_NEAREST_MARGIN = 25
+
+
+__all__ = [
+    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors", "read_scalar",
+]  # fmt: skip
 
 
 class VelocitySource(Protocol):
@@ -239,32 +241,29 @@ class VelocityFile:
         factors = [velocity_factor(units or f.array.attrs.get("units"), f.label) for f in (u, v)]
         self._clock = _common_clock(u, v, start, beyond_span)
 
-        staggered = stagger in ("before", "after") or (stagger == "auto" and u.dims != ())
-        staggered = staggered and (stagger != "auto" or cgrid.is_staggered(u, v))
+        staggered = stagger in ("before", "after") or (
+            stagger == "auto" and bool(u.dims) and cgrid.is_staggered(u, v)
+        )
         options = projection, position, file_projection
-        beside_u = beside_v = (0,)
-        if not staggered:
-            home, dims, place = u.file, u.dims, place_of(u.file, u.array, u.dims, *options)
-            _same_shape(u, v)
-        else:
-            if stagger == "auto" or u.dims != v.dims or u.file is not v.file:
-                home, dims, place = cgrid.centres(files, u, v, *options)
-            else:
-                home, dims, place = u.file, u.dims, place_of(u.file, u.array, u.dims, *options)
-            derived = stagger == "auto" and (home, dims) == (u.file, u.dims)
-            beside_u = cgrid.offsets(u, place, stagger, 1, derived)
-            beside_v = cgrid.offsets(v, place, stagger, 0, derived)
+        if staggered:
+            home, dims, place, beside_u, beside_v = cgrid.centres(files, u, v, stagger, *options)
             staggered = beside_u != (0,) or beside_v != (0,)
+        else:
+            if u.shape != v.shape:
+                raise InputError(f"{self._label}: {u.shape} and {v.shape} points do not fit")
+            home, dims, place = u.file, u.dims, place_of(u.file, u.array, u.dims, *options)
+            beside_u = beside_v = (0,)
         self.projection = place.plane
-
-        around, box = _around(place, grid, grid.wet, self._label, _margin(fill_land))
+        around, box = around_cells(place, grid, grid.wet, fill_land, self._label)
         across_u, u_columns = cgrid.mean_of_faces(u.shape[1], box.columns, beside_u, place.periodic)
         across_v, v_rows = cgrid.mean_of_faces(v.shape[0], box.rows, beside_v, False)
         self._u_box, self._v_box = Box(box.rows, u_columns), Box(v_rows, box.columns)
         mean_u = sparse.kron(sparse.identity(box.shape[0]), across_u, format="csr")
         mean_v = sparse.kron(across_v, sparse.identity(box.shape[1]), format="csr")
 
-        self._mask = _mask(mask, kind, home, dims)
+        self._mask = choose_mask(
+            mask, home, dims, auto=kind == "ocean"
+        )  # wind blows over land, too
         water = None if self._mask is None else self._mask.read(box)
         open_u = self._open(u, self._u_box, mean_u, water)
         open_v = self._open(v, self._v_box, mean_v, water)
@@ -272,10 +271,10 @@ class VelocityFile:
         wet = ((flow_u | flow_v) if staggered else (flow_u & flow_v)).reshape(box.shape)
         if water is not None:
             wet &= water
-        rows, self._note = _rows(around, box, place, grid, wet, fill_land, self._label)
+        rows, self._note = interpolate(around, box, place, grid, wet, fill_land, self._label)
         self.covered = np.diff(rows.indptr) > 0
 
-        turn, self._turned = self._turn(place, found.word, vectors, staggered, home, dims, box)
+        turn, axes = self._turn(place, found.word, vectors, staggered, home, dims, box)
         turned = rows @ sparse.diags(np.exp(1j * np.nan_to_num(turn.ravel())))
         self._matrix = sparse.hstack(
             [
@@ -290,7 +289,7 @@ class VelocityFile:
         self._text = (
             f"{self._label} by {found.how}"
             f" [{' and '.join(dict.fromkeys(map(str, said)))}{_times(factors)}]"
-            f"{', C grid' if staggered else ''}{_levels(u)}; {place.text}; {self._turned}"
+            f"{', C grid' if staggered else ''}{_levels(u)}; {place.text}; {axes}{_turned_by(turned)}"
         )
 
     @property
@@ -316,9 +315,7 @@ class VelocityFile:
     def _record(self, record: int) -> np.ndarray:
         """u + i v (grid.size,) [m/s] of one record, at the cells."""
         if record not in self._records:
-            values = np.concatenate(
-                [f.read(record, b).ravel() for f, b in self._parts()]
-            )
+            values = np.concatenate([f.read(record, b).ravel() for f, b in self._parts()])
             z = self._matrix @ values
             bad = ~(np.abs(z) <= _FASTEST[self._kind])  # NaN is bad, too
             if bad.any():
@@ -397,11 +394,8 @@ class VelocityFile:
         elif angle_name and dims and set(home.data[angle_name].dims) == set(dims):
             turn, what = self._by_angle(place, home, angle_name, dims, box)
         else:
-            turn, what = place.own(box), "grid axes"
-        low, high = np.degrees(np.nanmin(turn)), np.degrees(np.nanmax(turn))
-        if low == high == 0:
-            return turn, f"{what} = x, y"
-        return turn, f"{what} turned by {low:.1f} … {high:.1f}° to x, y"
+            turn, what = place.own(box), "east, north" if place.east_is_x else "grid axes"
+        return turn, what
 
     def _by_angle(
         self, place: Place, home: File, name: str, dims: tuple[str, ...], box: Box
@@ -438,13 +432,19 @@ def _times(factors: list[float]) -> str:
     return "".join(f" × {f:.6g}" for f in dict.fromkeys(factors) if f != 1)
 
 
+def _turned_by(turned: sparse.csr_matrix) -> str:
+    """The angles between which components are turned at the cells, as text."""
+    axis = np.asarray(turned.sum(axis=1)).ravel()
+    axis = axis[axis != 0]
+    if not axis.size or not np.any(axis.imag):
+        return " = x, y"
+    middle = np.angle(axis.mean())
+    angles = np.degrees(middle + np.angle(axis * np.exp(-1j * middle)))
+    return f" turned by {angles.min():.1f} … {angles.max():.1f}°"
+
+
 def _levels(part: Field) -> str:
     return "".join(f", {dim}[{i}]" for dim, i in part.fixed.items())
-
-
-def _margin(fill_land: FillLand) -> int:
-    _among("fill_land", fill_land, ("error", "nearest", "dry"))
-    return _NEAREST_MARGIN if fill_land == "nearest" else 1
 
 
 def _common_clock(u: Field, v: Field, start: Date | None, beyond_span: BeyondSpan) -> Clock:
@@ -456,81 +456,3 @@ def _common_clock(u: Field, v: Field, start: Date | None, beyond_span: BeyondSpa
     if not same:
         raise InputError(f"{u.label} and {v.label}: their times differ: {clock}, and {other}")
     return clock
-
-
-def _same_shape(u: Field, v: Field) -> None:
-    if u.shape != v.shape:
-        raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
-
-
-def _mask(mask: str, kind: Kind, home: File, dims: tuple[str, ...]) -> Mask | None:
-    """The land-sea mask that is meant: wind blows over land, too, so there only a named one counts."""
-    if mask == "none" or not dims:
-        return None
-    if mask == "auto":
-        return find_mask(home, dims) if kind == "ocean" else None
-    return named_mask(home, dims, mask)
-
-
-def _around(
-    place: Place, grid: Grid, needed: np.ndarray, label: str, margin: int
-) -> tuple[Corners, Box]:
-    """The source points around each cell, and the block that holds them; all `needed` cells must be inside."""
-    around = place.corners(grid.x, grid.y)
-    lost = np.flatnonzero(around.outside & needed)
-    if lost.size:
-        c = lost[0]
-        at = f"x {grid.x[c]:.7g}, y {grid.y[c]:.7g} m"
-        if place.plane is not None:
-            lon, lat = to_lonlat(place.plane, grid.x[c], grid.y[c])
-            at += f" = lon {float(lon):.2f}, lat {float(lat):.2f}"
-        raise InputError(
-            f"{label}: {lost.size} of {int(needed.sum())} wet cells lie outside the file, the first is"
-            f" cell {c} at {at}; the file covers {place.extent()}"
-        )
-    inside = ~around.outside
-    if not inside.any():
-        return around, Box(slice(0, min(2, place.shape[0])), slice(0, min(2, place.shape[1])))
-    sides = []
-    for index, n in zip((around.row, around.column), place.shape, strict=True):
-        low, high = int(index[inside].min()) - margin, int(index[inside].max()) + 1 + margin
-        sides.append(slice(max(low, 0), min(high, n)))
-    return around, Box(*sides)
-
-
-def _rows(
-    around: Corners,
-    box: Box,
-    place: Place,
-    grid: Grid,
-    wet: np.ndarray,
-    fill_land: FillLand,
-    label: str,
-) -> tuple[sparse.csr_matrix, str]:
-    """The matrix (cells × points of box) that interpolates from wet points, and a note for the report.
-
-    Raises
-    ------
-    InputError
-        if a wet cell has no water of the source around it, and `fill_land` is "error".
-    """
-    inside = ~around.outside[:, None]
-    local = Corners(
-        np.where(inside, around.row - box.rows.start, 0),
-        np.where(inside, around.column - box.columns.start, 0),
-        around.weight,
-    )
-    rows = weights(local, wet)
-    bare = np.flatnonzero((np.diff(rows.indptr) == 0) & grid.wet & ~around.outside)
-    if not bare.size or fill_land == "dry":
-        return rows, f", {bare.size} wet cells have no data" if bare.size else ""
-    if fill_land == "nearest":
-        rows, away = nearest(rows, bare, (grid.x, grid.y), place.xy(box), wet)
-        if not (np.diff(rows.indptr)[bare] == 0).any():
-            return rows, f", {bare.size} of them from water up to {away / 1000:.1f} km away"
-    c = bare[0]
-    raise InputError(
-        f"{label}: {bare.size} of {int(grid.wet.sum())} wet cells have only land of the file around them,"
-        f" the first is cell {c} at x {grid.x[c]:.7g}, y {grid.y[c]:.7g} m: make them dry in the grid, or"
-        " take fill_land = 'nearest' or 'dry'"
-    )

@@ -61,7 +61,9 @@ def find_mask(
         str(name)
         for name, a in file.data.variables.items()
         if set(dims) <= set(a.dims)
-        and (str(name).lower() in _WATER | _LAND or all(a.sizes[d] == 1 for d in {*a.dims} - {*dims}))
+        and (
+            str(name).lower() in _WATER | _LAND or all(a.sizes[d] == 1 for d in {*a.dims} - {*dims})
+        )
     ]
     if names is not None:
         found = next((n for n in names if n in fitting), None)
@@ -69,22 +71,36 @@ def find_mask(
         found = next(
             (n for n in fitting if file.data[n].attrs.get("standard_name") in _STANDARD), None
         ) or next((n for n in fitting if n.lower() in _WATER | _LAND), None)
-    return None if found is None else Mask(file, found, dims, _water_value(file, found))
+    if found is None:
+        return None
+    water = water_value(file, found)
+    return Mask(file, found, dims, 1.0 if water is None else water)
 
 
-def named_mask(file: File, dims: tuple[str, ...], name: str) -> Mask:
-    """The mask that the user named; raises `InputError` if it is not along `dims`."""
-    mask = find_mask(file, dims, (name,))
-    if mask is None:
+def choose_mask(mask: str, file: File, dims: tuple[str, ...], auto: bool) -> Mask | None:
+    """The mask that is meant by its name, by "auto" (where `auto` allows one), or None for "none".
+
+    Raises
+    ------
+    InputError
+        if no variable of that name lies along `dims`.
+    """
+    if mask == "none" or not dims:
+        return None
+    if mask == "auto":
+        return find_mask(file, dims) if auto else None
+    found = find_mask(file, dims, (mask,))
+    if found is None:
         fitting = [str(n) for n, a in file.data.data_vars.items() if set(a.dims) == set(dims)]
         raise InputError(
-            f"{file.label}: mask = {name!r}: no such variable along {', '.join(dims)};"
-            f" {choose(name, fitting)}"
+            f"{file.label}: mask = {mask!r}: no such variable along {', '.join(dims)};"
+            f" {choose(mask, ['auto', 'none', *fitting])}"
         )
-    return mask
+    return found
 
 
-def _water_value(file: File, name: str) -> float:
+def water_value(file: File, name: str) -> float | None:
+    """The value, 1 or 0, that a mask or fraction has where there is water; None if nothing tells."""
     attrs = file.data[name].attrs
     meanings = str(attrs.get("flag_meanings", "")).lower().split()
     flags = np.atleast_1d(attrs.get("flag_values", [])).tolist()
@@ -101,4 +117,4 @@ def _water_value(file: File, name: str) -> float:
         return _STANDARD[attrs["standard_name"]]
     if name.lower() in _LAND:
         return 0.0
-    return 1.0
+    return 1.0 if name.lower() in _WATER else None

@@ -33,7 +33,7 @@ SKIN = (0.6, 2.0)  # of the pair list, in median radii; the wider, the more the 
 NARROW = 1.05  # floes whose radii differ by less than this factor are shaken, not swapped
 SHAKE = 0.7  # in mean overlaps
 SWEEPS = 6000  # after which a packing is given up
-ATTEMPTS, FEW = 5, 1000  # packings are tried again where there are few floes
+ROUNDS = 6  # in which floes that found no room are laid elsewhere
 CLASS = 4.0  # floes within this ratio of radii are laid together
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
 CLOSE_ENOUGH = 0.005  # relative error of the concentration that is still what was asked for
@@ -45,22 +45,6 @@ Land = Coast | Grid | Sequence[ArrayLike]
 
 class IceNotPlaced(UserWarning):
     """Ice of a field that found no room."""
-
-
-class Overlaps(NamedTuple):
-    """Pairs of floes that overlap, the worst first.
-
-    Attributes
-    ----------
-    i, j : floe numbers
-    overlap : [m]
-    relative : overlap over the smaller radius
-    """
-
-    i: np.ndarray
-    j: np.ndarray
-    overlap: np.ndarray
-    relative: np.ndarray
 
 
 def scatter(
@@ -132,12 +116,7 @@ def scatter(
     ground = _ground(domain, barrier, len(radius))
     ground.ice[ground.group >= 0] = 1.0
     ground.ice[:] *= filled * room / max(ground.ice.sum(), 1.0)
-    for _ in range(ATTEMPTS):
-        x, y, _ = _pack(radius, ground, barrier, domain, rng)
-        left = _unplaced(x, y, radius, barrier, domain)
-        # few floes jam by chance, many do so because there is no room
-        if not left.any() or len(radius) > FEW:
-            break
+    x, y, _, left = _settle(radius, ground, barrier, domain, rng)
     if left.any():
         raise InputError(
             f"{asked}: {np.count_nonzero(left)} of {len(left)} floes do not fit; choose less, or "
@@ -224,8 +203,7 @@ def from_field(
     barrier = _barrier(land, domain, sizes.range[0], grid)
     ground = _ground(domain, barrier, len(radius), grid)
     _spread(ground, grid, ice)
-    x, y, cell = _pack(radius, ground, barrier, domain, rng)
-    left = _unplaced(x, y, radius, barrier, domain)
+    x, y, cell, left = _settle(radius, ground, barrier, domain, rng)
     capped = wanted - float(ice.sum())
     lost = float(np.pi * np.sum(radius[left] ** 2))
     told = [
@@ -361,48 +339,6 @@ def read_floes(
         return Floes(**columns, rotation=rotation)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def overlapping(floes: Floes, domain: Domain) -> Overlaps:
-    """Pairs of active floes that overlap, the worst first; pairs of fixed floes do not count.
-
-    Examples
-    --------
-    >>> pairs = overlapping(Floes([0.0, 15.0], 0.0, 10.0, 1.0), Domain((0.0, 100.0), (0.0, 100.0)))
-    >>> pairs.overlap
-    array([5.])
-    """
-    here = np.flatnonzero(floes.active)
-    x, y, radius = floes.x[here], floes.y[here], floes.radius[here]
-    free = (floes.motion[here] & (FIXED_X | FIXED_Y)) == 0
-    _, i, j = find_pairs(x, y, radius, domain.period)
-    i, j = _some_free(i, j, free)
-    overlap = radius[i] + radius[j] - _distance(x, y, i, j, domain)
-    relative = overlap / np.minimum(radius[i], radius[j])
-    order = np.argsort(-relative, kind="stable")
-    order = order[relative[order] > 0]
-    return Overlaps(here[i[order]], here[j[order]], overlap[order], relative[order])
-
-
-def refuse_overlaps(floes: Floes, domain: Domain, tolerance: float) -> None:
-    """Refuse floes of which some overlap by more than `tolerance` times the smaller radius.
-
-    Raises
-    ------
-    InputError
-        with the number of such pairs and the worst three.
-    """
-    pairs = overlapping(floes, domain)
-    count = int(np.count_nonzero(pairs.relative > tolerance))
-    if count:
-        worst = "; ".join(
-            f"floes {i} and {j} by {overlap:.4g} m ({relative:.1%})"
-            for i, j, overlap, relative in zip(*(column[:3] for column in pairs), strict=True)
-        )
-        raise InputError(
-            f"{count} pairs of floes overlap by more than {tolerance:.1%} of the smaller radius, the "
-            f"worst: {worst}; relax(floes, domain) presses them apart"
-        )
 
 
 def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
@@ -799,6 +735,39 @@ def _hilbert(column, row, order):
                 x, y = y, x
         place[k] = d
     return place
+
+
+def _settle(
+    radius: np.ndarray,
+    ground: _Ground,
+    barrier: _Barrier,
+    domain: Domain,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pack, and lay floes that found no room elsewhere nearby: x, y, grid cell, and which are still left."""
+    from scipy.spatial import cKDTree
+
+    x, y, group = _pack(radius, ground, barrier, domain, rng)
+    free = np.ones(len(x), bool)
+    left = _unplaced(x, y, radius, barrier, domain)
+    for _ in range(ROUNDS):
+        # many floes without room are no bad luck
+        if not left.any() or np.count_nonzero(left) > max(10, 0.1 * len(left)):
+            break
+        for k in np.flatnonzero(left):
+            clear = ground.ice > 0
+            if ground.clear is not None:
+                clear &= ground.clear >= radius[k]
+            place = np.flatnonzero(clear)
+            if not len(place):
+                continue
+            at = np.stack([ground.column[place], ground.row[place]], axis=1) + 0.5
+            at = np.array([domain.x[0], domain.y[0]]) + at * ground.step
+            near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
+            x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
+        _press(x, y, radius, free, barrier.discs, domain, EDGES_KEPT, rng=rng)
+        left = _unplaced(x, y, radius, barrier, domain)
+    return x, y, group, left
 
 
 def _pack(

@@ -291,7 +291,7 @@ def place_of(
                 " x, y, or leave out projection if they are the plane of the floes"
             )
         if net and mapping and position == "auto":
-            _compare(where, rows, columns, mapping, net)
+            _compare(file.label, rows, columns, mapping, net)
         if position != "lonlat":
             source, text = mapping or (None, "x, y without a projection")
             text = f"{rows.size} × {columns.size} {found[0][0]}, {found[1][0]} ({text})"
@@ -399,7 +399,7 @@ def _mapping(file: File, array: xr.DataArray, given: str | None) -> Mapping | No
 
 
 def _compare(
-    where: str,
+    label: str,
     rows: np.ndarray,
     columns: np.ndarray,
     mapping: Mapping,
@@ -412,9 +412,9 @@ def _compare(
     cell = min(abs(np.diff(axis)).mean() for axis in (rows, columns) if axis.size > 1)
     if away > cell / 4:
         warnings.warn(
-            f"{where}: x, y with the grid mapping and {net[2]} disagree by {away / 1000:.1f} km"
+            f"{label}: x, y with the grid mapping and {net[2]} disagree by {away / 1000:.1f} km"
             f" ({away / cell:.1f} cells); x, y are used: choose with position = 'mapping' or 'lonlat'",
-            stacklevel=2,
+            stacklevel=4,
         )
 
 

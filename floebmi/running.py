@@ -23,7 +23,7 @@ from floebmi.errors import InputError
 if TYPE_CHECKING:
     from floebmi.advance import Counters
     from floebmi.budgets import Ledger
-    from floebmi.forcing import Source
+    from floebmi.forcing import VelocitySource
     from floebmi.model import Model
 
 DAY = 86400.0
@@ -108,8 +108,8 @@ def _ratio(a: float, b: float) -> float:
 def run(
     model: "Model",
     duration: float,
-    ocean: "Source | None" = None,
-    atmosphere: "Source | None" = None,
+    ocean: "VelocitySource | None" = None,
+    atmosphere: "VelocitySource | None" = None,
     *,
     exchange: float | None = None,
     every: float | None = None,
@@ -274,7 +274,9 @@ def _save(
 class _Forcing:
     """Fills the velocities of the fluids."""
 
-    def __init__(self, model: "Model", ocean: "Source | None", atmosphere: "Source | None") -> None:
+    def __init__(
+        self, model: "Model", ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
+    ) -> None:
         pairs = ((ocean, model.ocean), (atmosphere, model.atmosphere))
         self._pairs = [
             (source, fluid) for source, fluid in pairs if source is not None and fluid is not None

@@ -34,7 +34,7 @@ from floebmi.floes import DRIVEN, FIXED, FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
-from floebmi.quantities import Positive, PositiveFraction
+from floebmi.quantities import NonNegative, Positive, PositiveFraction
 from floebmi.running import check_intervals
 from floebmi.scenes import packaged
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
@@ -54,7 +54,7 @@ from floebmi.tables import (
 
 if TYPE_CHECKING:
     from floebmi.coast import Coast
-    from floebmi.forcing import Source
+    from floebmi.forcing import VelocitySource
     from floebmi.model import Fluid, Model
 
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
@@ -279,8 +279,12 @@ class FromField(Group):
     thickness: str | Positive | None = Field(
         None, description="its variable of thickness, or one thickness for all [m]"
     )
-    thickness_per: Literal["ice", "cell"] = Field(
-        "ice", description="thickness of the ice itself, or its mean over the cell with open water"
+    thickness_of: Literal["auto", "ice", "cell"] = Field(
+        "auto",
+        description="what the file's thickness is the mean over: the ice, or the cell with its water",
+    )
+    fill_land: Literal["error", "nearest", "dry"] = Field(
+        "error", description="what a wet cell gets where the file has only land"
     )
     size: SizeTable = Field(description="size distribution, by number of floes")
     seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
@@ -403,22 +407,43 @@ class FluidTable(Table):
     velocity: Pair | None = Field(
         None, description="the same everywhere and always (along x, along y) [m/s]; else still"
     )
-    file: ScenePath | None = Field(
-        None, description="NetCDF or Zarr with the velocity in space and time; needs [grid]"
+    file: ScenePath | list[ScenePath] | None = Field(
+        None,
+        description="NetCDF or Zarr with the velocity in space and time, or several with its parts",
     )
-    u: str | None = Field(
-        None, description="its variable of the first component, if names do not tell"
+    variables: tuple[str, str] | None = Field(
+        None, description="its variables of u and v, if their names and attributes do not tell"
     )
-    v: str | None = Field(None, description="its variable of the second component")
+    vectors: Literal["auto", "east-north", "grid"] = Field(
+        "auto", description="components along east and north, or along the file's own axes"
+    )
+    stagger: Literal["auto", "none", "before", "after"] = Field(
+        "auto", description="where u and v lie on a C grid, see `floebmi.cgrid`"
+    )
+    depth: NonNegative = Field(0.0, description="the level nearest to this depth is taken [m]")
+    select: dict[str, int] | None = Field(
+        None, description="index along any other dimension, as {member = 3}"
+    )
+    units: str | None = Field(None, description="of the velocity, if the file does not say")
+    mask: str = Field("auto", description="its land-sea mask; 'none' takes missing values alone")
+    fill_land: Literal["error", "nearest", "dry"] = Field(
+        "error", description="what a wet cell gets where the file has only land"
+    )
+    file_projection: str | None = Field(
+        None, description="plane of the file's own x and y, if it does not say"
+    )
+    beyond_span: Literal["error", "hold", "repeat"] = Field(
+        "error", description="what holds before the first and after the last record"
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if self.velocity is not None and self.file is not None:
             raise InputError("velocity and file exclude each other; give one")
-        if self.file is None and (self.u is not None or self.v is not None):
-            raise InputError("u and v name variables of a file; give file, or velocity = [u, v]")
-        if (self.u is None) != (self.v is None):
-            raise InputError("u and v go together; give both or neither")
+        if self.file is None:
+            idle = self.model_fields_set - {"velocity", "drag", "grid"}
+            if idle:
+                raise InputError(f"{min(idle)} is about a file: give file, or leave it out")
         return self
 
 
@@ -526,8 +551,8 @@ class Built(NamedTuple):
     """What a scene becomes: `run` takes these."""
 
     model: "Model"
-    ocean: "Source | None"
-    atmosphere: "Source | None"
+    ocean: "VelocitySource | None"
+    atmosphere: "VelocitySource | None"
     land: list[np.ndarray]
 
 
@@ -755,14 +780,14 @@ class Scene(Table):
             return coast.from_geojson(
                 folder / table.geojson, table.radius, table.thickness, self.domain.projection
             )
-        from floebmi.forcing import read_scalar
+        from floebmi.scalars import read_scalar
 
         assert table.file is not None
         if grid is None or len(grid.shape) != 2:
             raise InputError("file: needs a [grid] of rows and columns, on which land is found")
         land = read_scalar(
-            folder / table.file, "land_area_fraction", grid, self.domain.projection,
-            name=table.variable,
+            folder / table.file, "land_fraction", grid, self.domain.projection,
+            variable=table.variable,
         )  # fmt: skip
         shape = grid.shape
         return coast.from_land_fraction(
@@ -808,34 +833,47 @@ class Scene(Table):
 
     def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
         """Area fraction [1] and thickness of the ice itself [m] on the grid."""
-        from floebmi.forcing import read_scalar
+        from floebmi.scalars import read_scalar
 
-        def read(quantity: str, name: str | None) -> np.ndarray:
-            path = self._file.parent / group.file
-            return read_scalar(path, quantity, grid, self.domain.projection, name=name)
-
-        fraction = read("sea_ice_area_fraction", group.concentration)
+        path, plane = self._file.parent / group.file, self.domain.projection
+        fraction = read_scalar(
+            path, "area_fraction", grid, plane,
+            variable=group.concentration, fill_land=group.fill_land,
+        )  # fmt: skip
         if isinstance(group.thickness, float):
             return fraction, np.full(grid.size, group.thickness)
-        thickness = read("sea_ice_thickness", group.thickness)
-        if group.thickness_per == "cell":
-            thickness = np.divide(thickness, fraction, out=np.zeros(grid.size), where=fraction > 0)
+        thickness = read_scalar(
+            path, "thickness", grid, plane,
+            variable=group.thickness, concentration=group.concentration,
+            thickness_of=group.thickness_of, fill_land=group.fill_land,
+        )  # fmt: skip
         return fraction, thickness
 
-    def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "Source | None":
+    def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "VelocitySource | None":
         if table is None or fluid is None:
             return None
         from floebmi import forcing
 
         if table.file is None:
             return forcing.Constant(*(table.velocity or (0.0, 0.0)))
+        names = [table.file] if isinstance(table.file, str) else table.file
+        paths = [self._file.parent / name for name in names]
         return forcing.VelocityFile(
-            self._file.parent / table.file,
+            paths[0] if len(paths) == 1 else paths,
             fluid.grid,
-            u=table.u,
-            v=table.v,
+            kind="ocean" if isinstance(table, Ocean) else "wind",
             projection=self.domain.projection,
+            variables=table.variables,
             start=self.time.start,
+            vectors=table.vectors,
+            stagger=table.stagger,
+            depth=table.depth,
+            select=table.select,
+            units=table.units,
+            mask=table.mask,
+            fill_land=table.fill_land,
+            file_projection=table.file_projection,
+            beyond_span=table.beyond_span,
         )
 
 
@@ -872,7 +910,7 @@ def _paths_in(table: Table) -> Iterator[str]:
     for name in type(table).model_fields:
         value = getattr(table, name)
         if name in ("file", "geojson") and value is not None:
-            yield value
+            yield from [value] if isinstance(value, str) else value
         for inner in value if isinstance(value, list) else [value]:
             if isinstance(inner, Table):
                 yield from _paths_in(inner)
@@ -890,7 +928,7 @@ def find_scene(scene: str | Path) -> Path:
         if there is neither; it names the packaged scenes and a near one.
     """
     path = Path(scene)
-    if path.exists() or path.suffix in _SUFFIXES or len(path.parts) > 1:
+    if path.is_file() or path.suffix in _SUFFIXES or len(path.parts) > 1:
         return path
     if str(scene) in packaged():
         return packaged()[str(scene)]

@@ -35,7 +35,7 @@ def small_model(grid=None, atmosphere_grid=None):
     """Floe 0 leaves in the east soon, floe 15 is fixed; floes 5 and 6 touch; one corner of the grid is dry."""
     x, y = np.meshgrid(np.linspace(2e3, 18e3, 4), np.linspace(2e3, 14e3, 4))
     x, y = x.ravel(), y.ravel()
-    x[0], x[6] = 19.9e3, x[5] + 1199.0
+    x[0], x[6] = 19.96e3, x[5] + 1199.0
     u = np.zeros(16)
     u[0] = 1.0
     floes = Floes(x, y, 600.0, np.linspace(0.5, 2.0, 16), u=u, motion=FIXED * (np.arange(16) == 15))

@@ -62,13 +62,19 @@ def test_FloeBmi_keeps_the_contract(scenes: Path, name: str) -> None:
     assert check_bmi(FloeBmi, scenes / f"{name}.toml") == []
 
 
+def found(mutant: type[FloeBmi], config: Path, check: str) -> bool:
+    """Whether the check tells a breach; an error that is not the component's own does not count."""
+    first = next(violations(mutant, config, check), "")
+    return bool(first) and (": raised" not in first or ": raised InputError" in first)
+
+
 def test_there_are_many_mutants() -> None:
     assert len(MUTANTS) + len(FACE_MUTANTS) >= 30
 
 
 @pytest.mark.parametrize(("mutant", "check"), MUTANTS, ids=lambda it: getattr(it, "__name__", it))
 def test_this_breach_is_found(scenes: Path, mutant: type[FloeBmi], check: str) -> None:
-    assert next(violations(mutant, scenes / "uniform.toml", check), None) is not None
+    assert found(mutant, scenes / "uniform.toml", check)
 
 
 @pytest.mark.parametrize(
@@ -77,4 +83,4 @@ def test_this_breach_is_found(scenes: Path, mutant: type[FloeBmi], check: str) -
 def test_this_breach_of_faces_is_found(
     scenes: Path, mutant: type[FloeBmi], check: str
 ) -> None:
-    assert next(violations(mutant, scenes / "uniform-faces.toml", check), None) is not None
+    assert found(mutant, scenes / "uniform-faces.toml", check)

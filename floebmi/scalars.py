@@ -1,0 +1,264 @@
+"""Ice concentration, thickness and land from files, on the cells of a grid.
+
+Thickness has two meanings in files: the mean over the ice, which is what a floe has, and the mean over the
+whole cell (volume per area, "effective" thickness), which is less by the concentration.  Files are asked
+which one they mean, by name, long_name, comment and cell_methods; if they do not say, the user must.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+from floebmi.clock import Clock
+from floebmi.errors import InputError, choose
+from floebmi.fields import (
+    Field,
+    File,
+    Wanted,
+    field,
+    find,
+    fraction_factor,
+    length_factor,
+    open_files,
+)
+from floebmi.grid import Grid
+from floebmi.masks import choose_mask, water_value
+from floebmi.places import Position, place_of
+from floebmi.remap import FillLand, around_cells, interpolate
+
+if TYPE_CHECKING:
+    from floebmi.clock import Date
+    from floebmi.fields import Source
+
+Quantity = Literal["area_fraction", "thickness", "sea_ice_volume", "land_fraction"]
+ThicknessOf = Literal["auto", "ice", "cell"]
+
+_CONCENTRATION = Wanted(
+    "ice concentration",
+    standard=(("sea_ice_area_fraction", None),),
+    short=tuple(
+        (name, None)
+        for name in ("siconc", "aice", "ice_conc", "ileadfra", "SIarea", "ci", "fice", "sic")
+    ),
+)
+_THICKNESS = Wanted(
+    "ice thickness",
+    standard=(("sea_ice_thickness", None),),
+    short=tuple((name, None) for name in ("sithick", "sivol", "hice", "SIheff", "iicethic", "hi")),
+)
+_LAND = Wanted(
+    "land",
+    standard=(
+        ("land_area_fraction", "fraction"),
+        ("sea_area_fraction", "fraction"),
+        ("land_binary_mask", "mask"),
+        ("sea_binary_mask", "mask"),
+    ),
+    short=(
+        ("land_fraction", "fraction"),
+        ("sftlf", "fraction"),
+        ("lsm", "mask"),
+        ("mask_rho", "mask"),
+        ("tmask", "mask"),
+        ("mask", "mask"),
+        ("wet", "mask"),
+    ),
+)
+_CELL_MEAN = (
+    r"effective|grid[- ]?cell[- ]?(mean|average)|(cell|area)[- ]mean|in (the )?(grid[ -]?)?cell"
+    r"|volume per|per (unit |grid[- ]?cell )?area"
+)
+_ICE_MEAN = r"where sea_ice|actual|in[- ]situ|over (the )?ice|of (the )?(ice )?floes"
+# Rounding in a file (packing, advection) reaches this far beyond a bound; more is an error [1 or m].
+_ROUNDING = 1e-3
+# … and that of the interpolation this far, which is not worth a word.
+_ROUND_OFF = 1e-12
+# Less ice than this has no thickness of its own.
+_NO_ICE = 1e-3
+
+
+class _On(NamedTuple):
+    """Where and when a scalar is wanted: the options of `read_scalar` that do not depend on the quantity."""
+
+    grid: Grid
+    projection: str | None
+    position: Position
+    file_projection: str | None
+    time: Date | None
+    select: dict[str, int] | None
+    fill_land: FillLand
+    mask: str
+    outside: float | None
+
+
+def read_scalar(
+    path: Source,
+    quantity: Quantity,
+    grid: Grid,
+    projection: str | None = None,
+    *,
+    variable: str | None = None,
+    concentration: str | None = None,
+    thickness_of: ThicknessOf = "auto",
+    time: Date | None = None,
+    select: dict[str, int] | None = None,
+    units: str | None = None,
+    mask: str = "auto",
+    fill_land: FillLand = "error",
+    outside: float | None = None,
+    position: Position = "auto",
+    file_projection: str | None = None,
+) -> np.ndarray:
+    """Read one field at the centres of a grid's cells, bilinear between the file's points on water.
+
+    Parameters
+    ----------
+    path, grid, projection, select, mask, position, file_projection, fill_land : as for
+        `floebmi.forcing.VelocityFile`; land is not masked for quantity "land_fraction"
+    quantity : "area_fraction" (ice concentration, 0 to 1), "thickness" (mean over the ice, m), "sea_ice_volume"
+        (per area of cell, m), "land_fraction" (0 to 1)
+    variable : its name; default: by standard_name, else by well-known names
+    concentration : name of the concentration that turns one kind of thickness into the other
+    thickness_of : what the file's thickness is the mean over: "ice", "cell", or "auto": what the file says
+    time : a date (or seconds, in a file of durations) between records; default: the first record
+    units : units of the variable if the file does not say them
+    outside : value for cells that lie outside the file; default: an error if they are wet
+
+    Returns
+    -------
+    (grid.size,) ; 0 on dry cells without data.  Values beyond a bound by no more than 1e-3 (of 1, or m) are
+    rounding: they are set to the bound, with a warning.  Where the concentration is below 1e-3 the thickness
+    is 0.
+
+    Raises
+    ------
+    InputError
+        if the variable, its meaning, its units, or its place are not clear; for a value beyond its bounds;
+        if wet cells are not covered.
+    """
+    allowed = ("area_fraction", "thickness", "sea_ice_volume", "land_fraction")
+    for name, value, words in (
+        ("quantity", quantity, allowed),
+        ("thickness_of", thickness_of, ("auto", "ice", "cell")),
+    ):
+        if value not in words:
+            raise InputError(f"{name} = {value!r}: {choose(value, words)}")
+    files = open_files(path)
+    on = _On(grid, projection, position, file_projection, time, select, fill_land, mask, outside)
+    if quantity == "land_fraction":
+        return _land(files, on, variable, units)
+    if quantity == "area_fraction":
+        return _concentration(files, on, variable, units)
+    found = _find(files, _THICKNESS, variable, "variable", on)
+    factor = length_factor(units or found.array.attrs.get("units"), found.label)
+    thickness = _bounded(found.label, factor * _interpolated(found, on), None)
+    kind = thickness_of if thickness_of != "auto" else _thickness_of(found)
+    if kind == ("ice" if quantity == "thickness" else "cell"):
+        return thickness
+    share = _concentration(files, on, concentration, None, "concentration")
+    if kind == "ice":
+        return thickness * share
+    return np.divide(thickness, share, out=np.zeros(grid.size), where=share >= _NO_ICE)
+
+
+def _find(files: list[File], wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
+    found = find(files, wanted, None if name is None else (name,), option)
+    return field(*found.variables[0], select=on.select)
+
+
+def _concentration(
+    files: list[File], on: _On, name: str | None, units: str | None, option: str = "variable"
+) -> np.ndarray:
+    part = _find(files, _CONCENTRATION, name, option, on)
+    said = units if units is not None else part.array.attrs.get("units")
+    factor = fraction_factor(said, part.label)
+    return _bounded(part.label, factor * _interpolated(part, on), 1.0)
+
+
+def _thickness_of(found: Field) -> str:
+    attrs = found.array.attrs
+    words = " ".join(
+        str(attrs.get(k, "")) for k in ("long_name", "comment", "cell_methods")
+    ).lower()
+    name = found.name.lower()
+    if name in ("sivol", "siheff") or re.search(_CELL_MEAN, words):
+        return "cell"
+    if name == "sithick" or re.search(_ICE_MEAN, words):
+        return "ice"
+    raise InputError(
+        f"{found.label}: nothing says whether it is the mean over the ice or over the cell: say"
+        " thickness_of = 'ice' or 'cell'"
+    )
+
+
+def _land(files: list[File], on: _On, name: str | None, units: str | None) -> np.ndarray:
+    found = find(files, _LAND, None if name is None else (name,), "variable")
+    part = field(*found.variables[0], select=on.select)
+    water = water_value(part.file, part.name)
+    if water is None:
+        raise InputError(
+            f"{part.label}: nothing says whether 1 is land or water (standard_name, flag_meanings, a"
+            " well-known name)"
+        )
+    said = units if units is not None else part.array.attrs.get("units")
+    factor = 1.0 if found.word == "mask" else fraction_factor(said, part.label)
+    everywhere = on._replace(grid=on.grid.with_wet(np.ones(on.grid.size, bool)), mask="none")
+
+    def to_land(values: np.ndarray) -> np.ndarray:
+        if np.isnan(values).any():
+            j, i = np.argwhere(np.isnan(values))[0]
+            raise InputError(f"{part.label}: no value at [{j}, {i}] of the part around the grid")
+        return factor * values if water == 0 else 1 - factor * values
+
+    return _bounded(part.label, _interpolated(part, everywhere, to_land), 1.0)
+
+
+def _interpolated(
+    part: Field, on: _On, convert: Callable[[np.ndarray], np.ndarray] = np.array
+) -> np.ndarray:
+    """A field at the cells of the grid (grid.size,), after `convert` of the points' values."""
+    place = place_of(
+        part.file, part.array, part.dims, on.projection, on.position, on.file_projection
+    )
+    needed = on.grid.wet if on.outside is None else np.zeros(on.grid.size, bool)
+    around, box = around_cells(place, on.grid, needed, on.fill_land, part.label)
+    clock = Clock(part, on.time)
+    try:
+        before, after, weight = clock.bracket(0.0)
+    except InputError:
+        raise InputError(f"{part.label}: time = {on.time!r}: the file has {clock}") from None
+    points = convert(part.read(before, box))
+    wet = np.isfinite(points)
+    if weight:
+        points = (1 - weight) * points + weight * convert(part.read(after, box))
+    land = choose_mask(on.mask, part.file, part.dims, auto=True)
+    if land is not None:
+        wet &= land.read(box)
+    rows, _ = interpolate(around, box, place, on.grid, wet, on.fill_land, part.label)
+    values = rows @ np.where(wet, points, 0.0).ravel()
+    if on.outside is not None:
+        values[around.outside] = on.outside
+    return values
+
+
+def _bounded(label: str, values: np.ndarray, high: float | None) -> np.ndarray:
+    """Values within 0 … high; rounding beyond is set to the bound with a warning, more is an error."""
+    top = np.inf if high is None else high
+    beyond = np.maximum(-values, values - top)
+    if not (beyond <= _ROUNDING).all():
+        c = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
+        raise InputError(
+            f"{label} at cell {c}: {values[c]:g}; must lie in 0 … {top:g} (wrong units?)"
+        )
+    if (beyond > _ROUND_OFF).any():
+        warnings.warn(
+            f"{label}: {int((beyond > _ROUND_OFF).sum())} cells beyond 0 … {top:g} by at most"
+            f" {beyond.max():.1g} are set to the bound",
+            stacklevel=3,
+        )
+    return np.clip(values, 0, top)

@@ -1,0 +1,220 @@
+import matplotlib
+import numpy as np
+import pytest
+from small_run import DOMAIN, GRIDS, LAND, small_model, small_run
+
+from floebmi import Domain, Floes, InputError, Model
+from floebmi import plot as draw
+from floebmi.floes import COAST
+from floebmi.output import TrajectoryWriter
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    return small_run(folder, projection="EPSG:3413", reference="1979-01-15 12:00")
+
+
+def pixels(figure):
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())[:, :, :3].astype(int)
+
+
+def share(image, color, axes, within=6):
+    """Part of the axes, in units of the domain's area, that has a colour."""
+    wanted = np.array(matplotlib.colors.to_rgb(color)) * 255
+    height = image.shape[0]
+    box = axes.get_window_extent()
+    inside = image[height - int(box.y1) : height - int(box.y0), int(box.x0) : int(box.x1)]
+    return (np.abs(inside - wanted).max(axis=2) <= within).mean()
+
+
+def written(folder, domain, floes, **how):
+    model = Model(domain, floes)
+    path = folder / "floes.nc"
+    with TrajectoryWriter(path, model, contacts=False, overwrite=True, **how) as writer:
+        writer.write(model)
+        model.advance(60.0)
+        writer.write(model)
+    return path
+
+
+def test_a_floe_is_a_circle_of_its_true_size(tmp_path):
+    domain = Domain((0.0, 1000.0), (0.0, 800.0))
+    path = written(tmp_path, domain, Floes(500.0, 400.0, 300.0, 1.0))
+    figure = draw.frame(path, color=None, size=1200)
+    covered = 1.0 - share(pixels(figure), draw.WATER, figure.axes[0])
+    assert covered == pytest.approx(np.pi * 300**2 / domain.area, rel=0.01)
+
+
+def test_a_floe_on_a_periodic_edge_is_seen_on_both_sides(tmp_path):
+    floes = Floes([0.0, 500.0], [0.0, 400.0], [200.0, 100.0], 1.0)
+    areas = []
+    for edge in ("periodic", "inactive"):
+        domain = Domain((0.0, 1000.0), (0.0, 800.0), edge, edge, edge, edge)
+        path = written(tmp_path, domain, floes.copy())
+        figure = draw.frame(path, time=0, color=None)
+        areas.append((1.0 - share(pixels(figure), draw.WATER, figure.axes[0])) * domain.area)
+    both = np.pi * (200**2 + 100**2)
+    assert areas[0] == pytest.approx(both, rel=0.01)
+    assert areas[1] == pytest.approx(both - 0.75 * np.pi * 200**2, rel=0.02)
+
+
+@pytest.mark.parametrize("motion", [7, COAST])
+def test_floes_that_stand_have_the_colour_of_land_and_those_that_are_driven_do_not(
+    tmp_path, motion
+):
+    domain = Domain((0.0, 1000.0), (0.0, 800.0))
+    driven = Floes(700.0, 400.0, 150.0, 1.0, u=0.1, motion=7)
+    still = Floes(250.0, 400.0, 200.0, 1.0, motion=motion)
+    path = written(tmp_path, domain, Floes.concatenate([still, driven]))
+    figure = draw.frame(path)
+    land = share(pixels(figure), draw.LAND, figure.axes[0]) * domain.area
+    assert land == pytest.approx(np.pi * 200**2, rel=0.02)
+
+
+def test_polygons_of_land_and_dry_cells_are_drawn(run, tmp_path):
+    figure = draw.frame(run[1], run[0])  # the dry cells: 6 km × 4 km
+    assert share(pixels(figure), draw.LAND, figure.axes[0]) == pytest.approx(24 / 320, rel=0.1)
+    lake = 1e3 * np.array([[15.0, 1.0], [17.0, 1.0], [17.0, 3.0], [15.0, 3.0]])
+    path = written(tmp_path, DOMAIN, Floes(5e3, 5e3, 500.0, 1.0), land=[*LAND, lake])
+    figure = draw.frame(path)
+    assert share(pixels(figure), draw.LAND, figure.axes[0]) == pytest.approx(20 / 320, rel=0.03)
+
+
+def test_colours_are_those_of_the_quantity(run):
+    figure = draw.frame(run[1], time=0, color="thickness")
+    circles = figure.axes[0].collections[-1]
+    np.testing.assert_array_equal(circles.get_array(), np.linspace(0.5, 2.0, 16)[:15])
+    assert figure.axes[1].get_ylabel() == "thickness [m]"
+    figure = draw.frame(run[1], time=0, color="speed")
+    assert figure.axes[0].collections[-1].get_array()[0] == 1.0
+    assert figure.axes[1].get_ylabel() == "speed [m s⁻¹]"
+
+
+def test_the_colour_scale_holds_all_frames_unless_limits_are_given(run):
+    ends = [draw.frame(run[1], time=k).axes[0].collections[-1].get_clim() for k in (0, 3)]
+    assert ends[0] == ends[1]
+    figure = draw.frame(run[1], limits=(0.0, 0.25))
+    assert figure.axes[0].collections[-1].get_clim() == (0.0, 0.25)
+
+
+def test_title_time_axes_and_size_are_right(run):
+    figure = draw.frame(run[1], run[0], time=1, size=800)
+    axes = figure.axes[0]
+    assert axes.get_title("left") == "A small run"
+    assert axes.get_title("right") == "1979-01-15 12:01"
+    assert axes.get_xlabel() == "x [km]" and axes.get_xlim() == (0.0, 20.0)
+    assert axes.get_ylim() == (0.0, 16.0)
+    assert pixels(figure).shape[1] == 800
+    texts = " ".join(text.get_text() for text in axes.texts)
+    assert "mean wind 8.9 m/s" in texts and "2 km" in texts
+
+
+def test_elapsed_time_is_shown_where_the_run_has_no_date(tmp_path):
+    path = written(tmp_path, DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
+    assert draw.frame(path).axes[0].get_title("right") == "t = 60 s"
+
+
+@pytest.mark.parametrize("arrows, length", [("wind", 80**0.5), ("ocean", 0.1)])
+def test_arrows_are_those_of_the_field(run, arrows, length):
+    quiver = draw.frame(run[1], run[0], arrows=arrows).axes[0].collections[-1]
+    np.testing.assert_allclose(np.hypot(quiver.U, quiver.V), length)
+    assert quiver.N == run[2].grid.wet.sum()
+
+
+@pytest.mark.parametrize("kind", GRIDS)
+def test_a_field_is_drawn_on_each_kind_of_grid(tmp_path, kind):
+    gridded, _, model = small_run(tmp_path, small_model(GRIDS[kind]()), frames=2)
+    figure = draw.field(gridded, "area_fraction", arrows="ice", to=tmp_path / "a.png")
+    drawn = figure.axes[0].collections[0].get_array().compressed()
+    np.testing.assert_array_equal(drawn, model.fields()["area_fraction"][model.grid.wet])
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_fields_with_a_sign_get_a_scale_with_zero_in_the_middle(run):
+    figure = draw.field(run[0], "wind_y", time=0)
+    assert figure.axes[0].collections[0].get_clim()[1] <= 0.0
+    figure = draw.field(run[0], "ocean_stress_x")
+    low, high = figure.axes[0].collections[0].get_clim()
+    assert low == -high or low == 0.0
+
+
+def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
+    figure = draw.ledger(run[1])
+    mass, along_x = figure.axes[0], figure.axes[1]
+    lines = {line.get_label().partition(" (")[0]: line.get_ydata() for line in along_x.lines}
+    assert {"gain of the ice", "wind", "ocean drag", "residual"} <= set(lines)
+    accounts = [y for label, y in lines.items() if label not in ("gain of the ice", "residual")]
+    np.testing.assert_allclose(sum(accounts), lines["gain of the ice"], rtol=1e-9)
+    assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
+    assert mass.get_ylabel() == "mass [kg]"
+    assert along_x.get_ylabel() == "momentum along x [N s]"
+
+
+def test_mp4_is_h264_that_browsers_play(run, tmp_path):
+    import imageio_ffmpeg
+
+    steps = []
+    path = draw.animate(
+        run[1], run[0], tmp_path / "a.mp4", size=401, fps=5, progress=lambda *at: steps.append(at)
+    )
+    frames = imageio_ffmpeg.read_frames(path)
+    about = next(frames)
+    assert about["codec"] == "h264" and about["pix_fmt"].startswith("yuv420p")
+    assert all(length % 2 == 0 for length in about["size"]) and about["fps"] == 5
+    images = list(frames)
+    assert len(images) == 4 and images[0] != images[-1]
+    assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_gif_has_each_nth_frame(run, tmp_path):
+    from PIL import Image
+
+    draw.animate(run[1], to=tmp_path / "a.gif", size=300, every=2)
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.n_frames == 2
+
+
+def test_a_film_that_fails_leaves_nothing_behind(run, tmp_path):
+    def fail(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    for name in ("a.mp4", "a.gif"):
+        with pytest.raises(KeyboardInterrupt):
+            draw.animate(run[1], to=tmp_path / name, size=300, progress=fail)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_users_settings_are_left_alone(run, tmp_path):
+    with matplotlib.rc_context({"font.size": 17.0, "axes.facecolor": "red"}):
+        before = dict(matplotlib.rcParams)
+        draw.frame(run[1], run[0], to=tmp_path / "a.png")
+        with pytest.raises(InputError):
+            draw.frame(run[1], color="nonsense")
+        assert dict(matplotlib.rcParams) == before
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda f, g: draw.frame(f, color="sped"), "color = 'sped'.*did you mean 'speed'"),
+        (lambda f, g: draw.frame(f, time=4), "time = 4: it has 4 frames; give -4 to 3"),
+        (lambda f, g: draw.frame(g), "is 'gridded 1'; must be 'trajectories 1'"),
+        (lambda f, g: draw.frame(f, arrows="ice"), "there is no gridded file with ice_velocity_x"),
+        (lambda f, g: draw.frame(f, g, arrows="ise"), "arrows = 'ise'.*did you mean 'ice'"),
+        (lambda f, g: draw.frame(f, to="a.xyz"), "a.xyz: allowed:.*.png"),
+        (lambda f, g: draw.frame(f, to="no/a.png"), "there is no folder no"),
+        (lambda f, g: draw.frame(f, size=10), "size = 10"),
+        (lambda f, g: draw.field(g, "thicknes"), "'thicknes'.*did you mean 'thickness'"),
+        (lambda f, g: draw.field(g, "sea_surface_tilt_x"), "has no sea_surface_tilt_x"),
+        (lambda f, g: draw.animate(f, to="a.avi"), "a.avi: allowed: .gif, .mp4"),
+        (lambda f, g: draw.animate(f, to="a.gif", fps=0), "fps = 0: must be at least 1"),
+    ],
+)
+def test_unusable_words_are_refused_in_one_line(run, call, message):
+    with pytest.raises(InputError, match=message) as error:
+        call(run[1], run[0])
+    assert "\n" not in str(error.value)
