@@ -103,10 +103,10 @@ class Advance:
         self.packed = pack(self.floes, self.contact, self.density, state.previous)
         number = self.packed.number
         self.here = tuple(at[number] for at in self.at)
-        radius = self.packed.place.r
+        radius = self.packed.place.r[~self.packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
-        decades = np.log2(largest / smallest) if largest else 0.0
-        self.skin = SKIN * smallest * min(1.0 + 0.5 * decades, 3.0) if largest else 0.0
+        octaves = np.log2(largest / smallest) if largest else 0.0
+        self.skin = SKIN * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
         self.pairs = list_pairs(self.packed, self.contact, self.period, self.skin, old, old_place)
         self._list_walls()
         self._touch(0.0)
@@ -254,7 +254,7 @@ class Advance:
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
 
     def _half_skin(self) -> float:
-        if not len(self.packed.number):
+        if self.packed.land.all():
             return np.inf
         # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
         return (

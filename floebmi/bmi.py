@@ -19,37 +19,37 @@ grid cannot say what the cells are (curvilinear and unstructured exchange grids,
 the grid is "unstructured", one face per cell, corners counter-clockwise, numbers
 from 0.  The atmosphere has a grid of its own if the scene gives it one.
 
-Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize`, and before each
-exchange with those of its middle, as in a run without a host.  A host that writes a velocity of the ocean or of the air, by `set_value` or
-through a pointer, has taken that fluid over: from then on the scene leaves it alone.  What nobody sets is
-still water and no wind.
+Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize`, and before
+each exchange with those of its middle, as in a run without a host.  A host that writes a velocity of the
+ocean or of the air, by `set_value` or through a pointer, has taken that fluid over: from then on the scene
+leaves it alone.  What nobody sets is still water and no wind.
 
 Time.  One exchange is `get_time_step` long, `[time] exchange` of the scene.  `update` makes one;
 `update_until` as many as fit and a shorter last one, and stresses are then means over all of them.
 
 A call that fails raises one line that says all, and leaves the component as it was.
+
+This module imports little, so that `floebmi.FloeBmi` can be there as soon as the package is.
 """
 
 import sys
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 from bmipy import Bmi
-from pydantic import Field
 
 from floebmi.errors import InputError, choose
-from floebmi.grid import Grid
-from floebmi.tables import Table, parse, read_text, validate
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from floebmi.floes import Floes
-    from floebmi.forcing import Source
+    from floebmi.forcing import VelocitySource
+    from floebmi.grid import Grid
     from floebmi.model import Fluid, Model
     from floebmi.scene import Scene
 
@@ -63,55 +63,6 @@ SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
 
 _TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take
 _FLOE_ROWS = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
-
-
-# ---- the configuration file -------------------------------------------------------------------
-
-
-class BmiTable(Table):
-    """How a host sees a scene."""
-
-    scene: str = Field(description="name of a packaged scene, or a path relative to this file")
-    set: list[str] = Field([], description="changes of the scene: ['table.key=value']")
-    cells: Literal["nodes", "faces"] = Field(
-        "nodes",
-        description="cells of a rectilinear grid: nodes of it, or faces of an unstructured one",
-    )
-    floe_capacity: Annotated[int, Field(ge=0)] = Field(
-        0, description="room for single floes, fixed for the run; 0: no floe-level variables"
-    )
-    restart: str | None = Field(
-        None, description="file that save_state wrote, relative to this file"
-    )
-
-
-class BmiFile(Table):
-    """A configuration file that is not a scene itself."""
-
-    bmi: BmiTable
-
-
-def read_config(config_file: str) -> "tuple[Scene, BmiTable]":
-    """The scene of a configuration file, and how a host sees it.
-
-    Raises
-    ------
-    InputError
-        one line with file, table, key and value.
-    """
-    from floebmi.scene import find_scene, read_scene
-
-    path = find_scene(config_file)
-    text = read_text(path) if path.suffix in (".toml", ".yaml", ".yml") else ""
-    tables = parse(text, str(path), yaml=path.suffix != ".toml")
-    if "bmi" not in tables:
-        return read_scene(config_file), BmiTable(scene=str(path))
-    table = validate(BmiFile, tables, str(path)).bmi
-    beside = path.parent / table.scene
-    scene = read_scene(beside if beside.exists() else table.scene, table.set)
-    if table.restart is not None:
-        table = table.model_copy(update={"restart": str(path.parent / table.restart)})
-    return scene, table
 
 
 # ---- one number for the whole -----------------------------------------------------------------
@@ -236,7 +187,7 @@ class Layout(NamedTuple):
     nodes_per_face: np.ndarray | None = None
 
 
-def layout_of(grid: Grid, faces: bool) -> Layout:
+def layout_of(grid: "Grid", faces: bool) -> Layout:
     """Cell centres as nodes, or cells as faces; there is no choice but faces for cells of any shape."""
     if faces or grid.x_edges is None:
         return _faces(grid)
@@ -250,7 +201,7 @@ def layout_of(grid: Grid, faces: bool) -> Layout:
     return structured._replace(spacing=spacing, origin=np.array([y[0], x[0]]))
 
 
-def _faces(grid: Grid) -> Layout:
+def _faces(grid: "Grid") -> Layout:
     """Edge k of a face leads from its node k to the next one."""
     real = grid.face_nodes >= 0
     count = real.sum(axis=1)
@@ -277,13 +228,15 @@ class _Running:
     """What exists between `initialize` and `finalize`: the model, its arrays, and who fills them."""
 
     def __init__(self, config_file: str) -> None:
+        from floebmi.hosting import read_config
+
         scene, view = read_config(config_file)
         self.step = _exchange(scene)
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
         built = scene.build()
         self.model: Model = built.model
         self.capacity = view.floe_capacity
-        self.sources: dict[str, Source] = {}
+        self.sources: dict[str, VelocitySource] = {}
         self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
         for name, source in (("ocean", built.ocean), ("atmosphere", built.atmosphere)):
             if source is not None:
@@ -762,7 +715,7 @@ class FloeBmi(Bmi):
 # ---- small steps ------------------------------------------------------------------------------
 
 
-def _exchange(scene: Any) -> float:
+def _exchange(scene: "Scene") -> float:
     """The exchange interval of a scene [s]."""
     if scene.time.exchange is not None:
         return float(scene.time.exchange)

@@ -12,7 +12,7 @@ as in the models themselves; a face beyond the end of the file is not known, and
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -53,7 +53,26 @@ def _coordinates(field: Field) -> set[str]:
     return {n for n in str(named).split() if n in data and role(n, data[n]) in ("lon", "lat")}
 
 
-def centres(
+class Centres(NamedTuple):
+    """The points to which both components are brought.
+
+    file, dims : the file that holds them, and their dimensions (rows, columns), () for a single point
+    place : where they are
+    u_offsets, v_offsets : faces of u beside a centre along columns, of v along rows; (0,): at the centre
+    """
+
+    file: File
+    dims: tuple[str, ...]
+    place: Place
+    u_offsets: Offsets = (0,)
+    v_offsets: Offsets = (0,)
+
+    @property
+    def staggered(self) -> bool:
+        return len(self.u_offsets) > 1 or len(self.v_offsets) > 1
+
+
+def find_centres(
     files: list[File],
     u: Field,
     v: Field,
@@ -61,15 +80,11 @@ def centres(
     projection: str | None,
     position: Position,
     file_projection: str | None,
-) -> tuple[File, tuple[str, str], Place, Offsets, Offsets]:
-    """Where the centres of a staggered grid are, and which faces stand beside them.
+) -> Centres:
+    """Where the components are, or where the cell centres of a staggered grid are.
 
-    They are the rows of u with the columns of v if these have coordinates, else a longitude and latitude of
+    Centres are the rows of u with the columns of v if these have coordinates, else a longitude and latitude of
     their own in any of the files, else the middles between u points.
-
-    Returns
-    -------
-    file, dimensions (rows, columns) and place of the centres; offsets of u along columns, of v along rows
 
     Raises
     ------
@@ -77,7 +92,12 @@ def centres(
         if no centres are found, or which faces are beside them is not clear.
     """
     options = (projection, position, file_projection)
-    taken = [(u.file, u.dims), (v.file, v.dims)] if is_staggered(u, v) else []
+    apart = bool(u.dims) and is_staggered(u, v)
+    if stagger == "none" or (stagger == "auto" and not apart):
+        if u.shape != v.shape:
+            raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
+        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options))
+    taken = [(u.file, u.dims), (v.file, v.dims)] if apart else []
     problem: InputError | None = None
     for file, array, dims in [(u.file, u.array, (u.rows, v.columns)), *_nets(files, u)]:
         if any(file is f and set(dims) == set(d) for f, d in taken):
@@ -87,8 +107,9 @@ def centres(
         except InputError as error:
             problem = problem or error
             continue
-        beside = (_beside(u, place, stagger, 1), _beside(v, place, stagger, 0))
-        return file, dims, place, *beside
+        return Centres(
+            file, dims, place, _beside(u, place, stagger, 1), _beside(v, place, stagger, 0)
+        )
     try:
         faces = place_of(u.file, u.array, u.dims, *options)
     except InputError as error:
@@ -104,7 +125,7 @@ def centres(
     x, y = (_middles(a[:, order])[:, order] for a in (faces.x, faces.y))
     text = f"{faces.text}, centres between u points"
     place = Net(u.label, x, y, faces.plane, text)
-    return u.file, u.dims, place, _OFFSETS[side], _OFFSETS[side]
+    return Centres(u.file, u.dims, place, _OFFSETS[side], _OFFSETS[side])
 
 
 def _nets(files: list[File], u: Field) -> list[tuple[File, xr.DataArray, tuple[str, str]]]:

@@ -25,19 +25,21 @@ from floebmi.errors import InputError, choose
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid
 from floebmi.masks import choose_mask, find_mask
-from floebmi.places import Net, Place, Position, place_of
+from floebmi.places import Net, Position
 from floebmi.remap import FillLand, around_cells, interpolate
 from floebmi.scalars import read_scalar
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
-    from floebmi.fields import File, Source
+    from floebmi.fields import Source
 
+Velocity = Callable[[np.ndarray, np.ndarray, float], "np.ndarray | float"]
 Kind = Literal["ocean", "wind"]
 Vectors = Literal["auto", "east-north", "grid"]
 
 # Components along east and north, or along the source's own axes; None: the name does not tell.
-_EAST, _GRID = "east-north", "grid"
+_EAST: Literal["east-north"] = "east-north"
+_GRID: Literal["grid"] = "grid"
 _VELOCITIES = {
     "ocean": Wanted(
         "surface current",
@@ -81,6 +83,8 @@ _VELOCITIES = {
 }
 # Faster than any current or wind [m/s]: a wrong unit, or a fill value that the file does not declare.
 _FASTEST = {"ocean": 20.0, "wind": 200.0}
+# An `angle` this far from the direction of the columns is worth a warning [rad].
+_WRONG_ANGLE = 0.1
 
 
 __all__ = [
@@ -136,7 +140,7 @@ class Function:
 
     span = None
 
-    def __init__(self, u: Callable | float, v: Callable | float, grid: Grid) -> None:
+    def __init__(self, u: Velocity | float, v: Velocity | float, grid: Grid) -> None:
         self.u, self.v = u, v
         self._x, self._y = grid.x, grid.y
 
@@ -241,55 +245,27 @@ class VelocityFile:
         factors = [velocity_factor(units or f.array.attrs.get("units"), f.label) for f in (u, v)]
         self._clock = _common_clock(u, v, start, beyond_span)
 
-        staggered = stagger in ("before", "after") or (
-            stagger == "auto" and bool(u.dims) and cgrid.is_staggered(u, v)
+        centres = cgrid.find_centres(files, u, v, stagger, projection, position, file_projection)
+        self.projection = centres.place.plane
+        around, box = around_cells(centres.place, grid, grid.wet, fill_land, self._label)
+        # Wind blows over land, too: there only a mask that the user names counts.
+        self._mask = choose_mask(mask, centres.file, centres.dims, auto=kind == "ocean")
+        to_u, to_v, wet = self._to_centres(centres, box, factors)
+        rows, self._note = interpolate(
+            around, box, centres.place, grid, wet, fill_land, self._label
         )
-        options = projection, position, file_projection
-        if staggered:
-            home, dims, place, beside_u, beside_v = cgrid.centres(files, u, v, stagger, *options)
-            staggered = beside_u != (0,) or beside_v != (0,)
-        else:
-            if u.shape != v.shape:
-                raise InputError(f"{self._label}: {u.shape} and {v.shape} points do not fit")
-            home, dims, place = u.file, u.dims, place_of(u.file, u.array, u.dims, *options)
-            beside_u = beside_v = (0,)
-        self.projection = place.plane
-        around, box = around_cells(place, grid, grid.wet, fill_land, self._label)
-        across_u, u_columns = cgrid.mean_of_faces(u.shape[1], box.columns, beside_u, place.periodic)
-        across_v, v_rows = cgrid.mean_of_faces(v.shape[0], box.rows, beside_v, False)
-        self._u_box, self._v_box = Box(box.rows, u_columns), Box(v_rows, box.columns)
-        mean_u = sparse.kron(sparse.identity(box.shape[0]), across_u, format="csr")
-        mean_v = sparse.kron(across_v, sparse.identity(box.shape[1]), format="csr")
-
-        self._mask = choose_mask(
-            mask, home, dims, auto=kind == "ocean"
-        )  # wind blows over land, too
-        water = None if self._mask is None else self._mask.read(box)
-        open_u = self._open(u, self._u_box, mean_u, water)
-        open_v = self._open(v, self._v_box, mean_v, water)
-        flow_u, flow_v = (m @ o > 0 for m, o in ((mean_u, open_u), (mean_v, open_v)))
-        wet = ((flow_u | flow_v) if staggered else (flow_u & flow_v)).reshape(box.shape)
-        if water is not None:
-            wet &= water
-        rows, self._note = interpolate(around, box, place, grid, wet, fill_land, self._label)
         self.covered = np.diff(rows.indptr) > 0
-
-        turn, axes = self._turn(place, found.word, vectors, staggered, home, dims, box)
-        turned = rows @ sparse.diags(np.exp(1j * np.nan_to_num(turn.ravel())))
-        self._matrix = sparse.hstack(
-            [
-                turned @ mean_u @ sparse.diags(factors[0] * open_u),
-                1j * turned @ mean_v @ sparse.diags(factors[1] * open_v),
-            ],
-            format="csr",
-        )
-        self._matrix.eliminate_zeros()
+        angle, axes = self._angle(centres, found.word, vectors, box)
+        turn = sparse.diags(np.exp(1j * np.nan_to_num(angle.ravel())))
+        turned = sparse.diags(grid.wet.astype(float)) @ rows @ turn
+        self._matrix = sparse.hstack([turned @ to_u, 1j * turned @ to_v], format="csr")
+        self._matrix.eliminate_zeros()  # closed faces: their values, NaN or not, are never touched
         self._records: dict[int, np.ndarray] = {}
-        said = [units or f.array.attrs.get("units") for f in (u, v)]
+        said = dict.fromkeys(str(units or f.array.attrs.get("units")) for f in (u, v))
         self._text = (
-            f"{self._label} by {found.how}"
-            f" [{' and '.join(dict.fromkeys(map(str, said)))}{_times(factors)}]"
-            f"{', C grid' if staggered else ''}{_levels(u)}; {place.text}; {axes}{_turned_by(turned)}"
+            f"{self._label} by {found.how} [{' and '.join(said)}{_times(factors)}]"
+            f"{', C grid' if centres.staggered else ''}{_levels(u)}; {centres.place.text};"
+            f" {axes}{_turned_by(turned)}"
         )
 
     @property
@@ -340,82 +316,108 @@ class VelocityFile:
             " wrong units, or a hole in the data?)"
         )
 
+    def _to_centres(
+        self, centres: cgrid.Centres, box: Box, factors: list[float]
+    ) -> tuple[sparse.csr_matrix, sparse.csr_matrix, np.ndarray]:
+        """Matrices from each component's own points to a box of centres, in m/s, and where there is water.
+
+        Sets the boxes of points that are to be read.
+        """
+        (u, v), place = (self._u, self._v), centres.place
+        along_u, u_columns = cgrid.mean_of_faces(
+            u.shape[1], box.columns, centres.u_offsets, place.periodic
+        )
+        along_v, v_rows = cgrid.mean_of_faces(v.shape[0], box.rows, centres.v_offsets, False)
+        self._u_box, self._v_box = Box(box.rows, u_columns), Box(v_rows, box.columns)
+        mean_u = sparse.kron(sparse.identity(box.shape[0]), along_u, format="csr")
+        mean_v = sparse.kron(along_v, sparse.identity(box.shape[1]), format="csr")
+        water = None if self._mask is None else self._mask.read(box)
+        open_u = self._open(u, self._u_box, mean_u, water, ("mask_u", "umask"))
+        open_v = self._open(v, self._v_box, mean_v, water, ("mask_v", "vmask"))
+        flow_u, flow_v = mean_u @ open_u > 0, mean_v @ open_v > 0
+        wet = (flow_u | flow_v if centres.staggered else flow_u & flow_v).reshape(box.shape)
+        if water is not None:
+            wet &= water
+        to_u = mean_u @ sparse.diags(factors[0] * open_u)
+        to_v = mean_v @ sparse.diags(factors[1] * open_v)
+        return to_u, to_v, wet
+
     def _open(
-        self, part: Field, box: Box, mean: sparse.csr_matrix, water: np.ndarray | None
+        self,
+        part: Field,
+        box: Box,
+        mean: sparse.csr_matrix,
+        water: np.ndarray | None,
+        masks: tuple[str, ...],
     ) -> np.ndarray:
         """1.0 where a component has a value and the masks let it flow, else 0.0: (points of box,)."""
         is_open = np.isfinite(part.read(0, box)).ravel()
-        names = {"u": ("mask_u", "umask"), "v": ("mask_v", "vmask")}
-        own = find_mask(part.file, part.dims, names["u" if part is self._u else "v"])
         if water is not None:
-            if own is not None:
-                is_open &= own.read(box).ravel()
-            else:
-                is_open &= cgrid.open_faces(mean, water)
+            own = find_mask(part.file, part.dims, masks)
+            is_open &= cgrid.open_faces(mean, water) if own is None else own.read(box).ravel()
         return is_open.astype(float)
 
-    def _turn(
-        self,
-        place: Place,
-        word: str | None,
-        vectors: Vectors,
-        staggered: bool,
-        home: File,
-        dims: tuple[str, ...],
-        box: Box,
+    def _angle(
+        self, centres: cgrid.Centres, word: str | None, vectors: Vectors, box: Box
     ) -> tuple[np.ndarray, str]:
-        """Angle [rad] from the plane's x axis to that of the components, in a box, and words about it."""
-        angle_name = next((n for n in ("angle", "ANGLE", "anglet") if n in home.data), None)
+        """Angle [rad] from the plane's x axis to that of the components, in a box, and its name."""
+        place, data = centres.place, centres.file.data
+        angle = next(
+            (n for n in ("angle", "ANGLE", "anglet")
+             if n in data and centres.dims and set(data[n].dims) == set(centres.dims)),
+            None,
+        )  # fmt: skip
         if vectors == "auto":
-            if place.east_is_x or not place.knows_east:
-                vectors = "grid"
-            elif staggered and word == _EAST:
-                raise InputError(
-                    f"{self._label}: staggered, so along the grid's axes, yet their standard_name says"
-                    " east and north: say vectors = 'grid' or 'east-north'"
-                )
-            elif staggered or (word is None and angle_name and len(dims) == 2):
-                vectors = "grid"
-            elif word is not None:
-                vectors = word
-            elif place.shape == (1, 1):
-                vectors = "east-north"
-            else:
-                raise InputError(
-                    f"{self._label}: nothing says whether they point along east and north or along the"
-                    " grid's axes: say vectors = 'east-north' or 'grid'"
-                )
+            vectors = self._axes_meant(centres, word, angle is not None)
         if vectors == "east-north":
             if not place.knows_east:
                 raise InputError(
                     f"{self._label}: vectors = 'east-north', but the file does not say where east is"
                 )
-            turn, what = place.east(box), "east, north"
-        elif angle_name and dims and set(home.data[angle_name].dims) == set(dims):
-            turn, what = self._by_angle(place, home, angle_name, dims, box)
-        else:
-            turn, what = place.own(box), "east, north" if place.east_is_x else "grid axes"
-        return turn, what
+            return place.east(box), "east, north"
+        if angle is not None:
+            return self._by_angle(centres, angle, box), f"grid axes by {angle}"
+        return place.own(box), "east, north" if place.east_is_x else "grid axes"
 
-    def _by_angle(
-        self, place: Place, home: File, name: str, dims: tuple[str, ...], box: Box
-    ) -> tuple[np.ndarray, str]:
-        """A file's own angle from east to its x axis (ROMS), checked against the places of its points."""
-        array = home.data[name]
-        angle = np.asarray(array.transpose(*dims)[tuple(box)].values, float)
+    def _axes_meant(self, centres: cgrid.Centres, word: str | None, has_angle: bool) -> Vectors:
+        """Which axes the components are along, from what the file says; an error if it does not."""
+        place = centres.place
+        if place.east_is_x or not place.knows_east:
+            return "grid"
+        if centres.staggered and word == _EAST:
+            raise InputError(
+                f"{self._label}: staggered, so along the grid's axes, yet their standard_name says east"
+                " and north: say vectors = 'grid' or 'east-north'"
+            )
+        if centres.staggered:
+            return "grid"
+        if word is not None:
+            return word
+        if has_angle:
+            return "grid"
+        if not centres.dims:
+            return "east-north"
+        raise InputError(
+            f"{self._label}: nothing says whether they point along east and north or along the grid's"
+            " axes: say vectors = 'east-north' or 'grid'"
+        )
+
+    def _by_angle(self, centres: cgrid.Centres, name: str, box: Box) -> np.ndarray:
+        """The angle by a file's own angle from east (ROMS), checked against the places of its points."""
+        place, array = centres.place, centres.file.data[name]
+        own = np.asarray(array.transpose(*centres.dims)[tuple(box)].values, float)
         if str(array.attrs.get("units", "radians")).lower().startswith("deg"):
-            angle = np.radians(angle)
-        turn = place.east(box) + angle
+            own = np.radians(own)
+        angle = place.east(box) + own
         if isinstance(place, Net):
-            away = np.angle(np.exp(1j * (turn - place.own(box))))
-            worst = float(np.nanmedian(np.abs(away)))
-            if worst > 0.1:
+            away = float(np.nanmedian(np.abs(np.angle(np.exp(1j * (angle - place.own(box)))))))
+            if away > _WRONG_ANGLE:
                 warnings.warn(
-                    f"{home.label}: {name} differs from the direction of its columns by"
-                    f" {np.degrees(worst):.1f}°; {name} is used",
-                    stacklevel=3,
+                    f"{centres.file.label}: {name} differs from the direction of its columns by"
+                    f" {np.degrees(away):.1f}°; {name} is used",
+                    stacklevel=4,
                 )
-        return turn, f"grid axes by {name}"
+        return angle
 
     def __repr__(self) -> str:
         land = self._mask.name if self._mask is not None else "NaN"

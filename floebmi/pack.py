@@ -53,6 +53,7 @@ class Packed(NamedTuple):
     inverse_spin: np.ndarray | None
     angle: np.ndarray | None
     held: np.ndarray  # packed index of floes with a prescribed axis
+    land: np.ndarray  # bool: a piece of coast
     first_x: np.ndarray  # where the floe was when the list was made
     first_y: np.ndarray
     previous: np.ndarray | None  # contact accelerations of the last step, for the paper's schemes
@@ -120,6 +121,7 @@ def pack(
         inverse_spin,
         angle,
         np.flatnonzero(bits),
+        floes.land[number],
         place.x.copy(),
         place.y.copy(),
         None if previous is None else previous[number],
@@ -166,7 +168,10 @@ def list_pairs(
         start = np.zeros(len(packed.number) + 1, np.int64)
         return PairList(start, empty, empty, slip, bonded, damped)
     found = find_pairs(packed.place.x, packed.place.y, reach(packed, contact, skin), period)
-    i, j = found.i.view(np.uint32), found.j.view(np.uint32)
+    start, i, j = found.start, found.i.view(np.uint32), found.j.view(np.uint32)
+    if packed.land.any():  # pieces of coast lie over each other as they like
+        keep = ~(packed.land[i] & packed.land[j])
+        start, i, j = np.concatenate([[0], np.cumsum(keep)])[start], i[keep], j[keep]
     memories = []
     for law, memory in ((contact.friction, old.slip), (contact.bonds, old.bonded)):
         if law is None:
@@ -177,7 +182,7 @@ def list_pairs(
             carry(i, j, packed.number, old.start, old.j, old_place, memory, new)
         memories.append(new)
     damped = None if contact.dashpot is None else np.zeros(len(i))
-    return PairList(found.start, i, j, *memories, damped)
+    return PairList(start, i, j, *memories, damped)
 
 
 def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:

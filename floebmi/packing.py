@@ -32,7 +32,7 @@ OVERSHOOT = 1.5  # push beyond the point of touching: fewer sweeps, as in succes
 SKIN = (0.6, 2.0)  # of the pair list, in median radii; the wider, the more the floes overlap
 NARROW = 1.05  # floes whose radii differ by less than this factor are shaken, not swapped
 SHAKE = 0.7  # in mean overlaps
-SWEEPS = 6000  # after which a packing is given up
+SWEEPS = 2000, 6000  # after which a packing is given up: floes of several sizes, of one size
 ROUNDS = 6  # in which floes that found no room are laid elsewhere
 CLASS = 4.0  # floes within this ratio of radii are laid together
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
@@ -874,7 +874,7 @@ def _press(
     discs: np.ndarray,
     domain: Domain,
     walls: tuple[str, ...],
-    sweeps: int = SWEEPS,
+    sweeps: int | None = None,
     rng: np.random.Generator | None = None,
 ) -> float:
     """Push floes apart, in place, until none overlap; the largest overlap left, over the smaller radius.
@@ -902,12 +902,15 @@ def _press(
         ]
     )
     lengths = np.array([np.inf if length is None else length for length in domain.period])
+    # what is fixed needs no skin; five times its radius, a guard of the shore still does not reach the next
+    still = np.maximum(discs[:, 2], 5 * discs[:, 2].min(initial=np.inf))
     typical = float(np.median(pressed[:n]))
     # a pair must not be able to meet across two sides of a period, see find_pairs
     widest = 2 * max(float(lengths.min()) / 4 * (1 - 1e-9) - float(pressed.max()), 0.0)
     skin, worst = 0.0, 1.0
     narrow = size[:n].max() < NARROW * size[:n].min()
     every = 5 if narrow else 3
+    sweeps = SWEEPS[int(narrow)] if sweeps is None else sweeps
     order = np.argsort(size[:n], kind="stable")
     squeezed = np.empty(len(all_x))
     done, moved, grown = 0, np.inf, 0.0
@@ -915,7 +918,8 @@ def _press(
         if moved + grown >= skin / 2:
             skin = min(typical * min(max(2 * worst, SKIN[0]), SKIN[1]), widest)
             _wrap(all_x[:n], all_y[:n], domain)
-            _, i, j = find_pairs(all_x, all_y, pressed + skin / 2, domain.period)
+            reach = np.concatenate([pressed[:n] + skin / 2, still])
+            _, i, j = find_pairs(all_x, all_y, reach, domain.period)
             i, j = _some_free(i, j, movable)
             # a small floe gives way to a large one, but not so much that it is caught between two
             mobile[:n] = free / size[:n]

@@ -13,10 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from floebmi.errors import InputError
+
+if TYPE_CHECKING:
+    from pyproj import Proj
 
 # Half the length of the small step that measures a direction [m]; and a latitude short of the pole,
 # where east and north still exist.
@@ -26,7 +30,8 @@ _NEAR_POLE = 89.99
 
 
 @lru_cache(maxsize=32)
-def _proj(projection: str):
+def _proj(projection: str) -> tuple[Proj, float]:
+    """The projection, and the length of its unit [m]."""
     import pyproj
 
     try:
@@ -41,7 +46,7 @@ def _proj(projection: str):
             f"projection = {projection!r}: not a plane in metres; give a projected system such as"
             " 'EPSG:3413' or centred_projection(lon, lat)"
         )
-    return pyproj.Proj(crs, preserve_units=False)  # always metres
+    return pyproj.Proj(crs), crs.axis_info[0].unit_conversion_factor
 
 
 def check_projection(projection: str) -> str:
@@ -54,23 +59,29 @@ def same_plane(one: str | None, other: str | None) -> bool:
     """True if both projections are the same plane (None: the plane itself, without a place on Earth)."""
     if one is None or other is None or one == other:
         return one == other
-    return _proj(one).crs.is_exact_same(_proj(other).crs)
+    return bool(_proj(one)[0].crs.equals(_proj(other)[0].crs))
 
 
 def to_plane(
     projection: str, lon: np.ndarray | float, lat: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Place on the plane [m] of longitude and latitude [degrees]; NaN where the plane has no such place."""
-    x, y = _proj(projection)(np.asarray(lon, float), np.asarray(lat, float))
-    return np.where(np.isfinite(x), x, np.nan), np.where(np.isfinite(y), y, np.nan)
+    proj, metre = _proj(projection)
+    x, y = proj(np.asarray(lon, float), np.asarray(lat, float))
+    return _or_nan(np.multiply(x, metre)), _or_nan(np.multiply(y, metre))
 
 
 def to_lonlat(
     projection: str, x: np.ndarray | float, y: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Longitude and latitude [degrees] of a place on the plane [m]; NaN where there is none."""
-    lon, lat = _proj(projection)(np.asarray(x, float), np.asarray(y, float), inverse=True)
-    return np.where(np.isfinite(lon), lon, np.nan), np.where(np.isfinite(lat), lat, np.nan)
+    proj, metre = _proj(projection)
+    lon, lat = proj(np.asarray(x, float) / metre, np.asarray(y, float) / metre, inverse=True)
+    return _or_nan(lon), _or_nan(lat)
+
+
+def _or_nan(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def east_in_plane(projection: str, lon: np.ndarray | float, lat: np.ndarray | float) -> np.ndarray:

@@ -832,7 +832,7 @@ class Scene(Table):
         return _listed(group.each)
 
     def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-        """Area fraction [1] and thickness of the ice itself [m] on the grid."""
+        """Area fraction [1] and thickness of the ice itself [m] on the grid; no thickness is no ice."""
         from floebmi.scalars import read_scalar
 
         path, plane = self._file.parent / group.file, self.domain.projection
@@ -847,7 +847,7 @@ class Scene(Table):
             variable=group.thickness, concentration=group.concentration,
             thickness_of=group.thickness_of, fill_land=group.fill_land,
         )  # fmt: skip
-        return fraction, thickness
+        return np.where(thickness > 0, fraction, 0.0), thickness
 
     def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "VelocitySource | None":
         if table is None or fluid is None:

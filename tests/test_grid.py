@@ -70,7 +70,10 @@ def test_points_outside_and_nan_are_in_no_cell(name):
 
 def test_a_point_on_an_edge_is_in_the_cell_to_its_east_or_north():
     grid = Grid.uniform((0, 4), (0, 2), spacing=1)
-    assert list(grid.locate([0, 1, 1, 4, 3.5], [0, 0.5, 1, 0.5, 2])) == [0, 1, 5, -1, -1]
+    polygons = Grid.unstructured(grid.node_x, grid.node_y, grid.face_nodes)
+    for kind in (grid, polygons):
+        found = kind.locate([0, 1, 1, 0.5, 4, 3.5], [0, 0.5, 1, 1, 0.5, 2])
+        assert list(found) == [0, 1, 5, 4, -1, -1]
 
 
 def test_strongly_stretched_columns_are_found():

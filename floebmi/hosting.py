@@ -1,0 +1,52 @@
+"""What a host writes to start the component: a scene, or one table that names a scene and how to see it."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from floebmi.scene import Scene, find_scene, read_scene
+from floebmi.tables import Table, parse, read_text, validate
+
+
+class BmiTable(Table):
+    """How a host sees a scene."""
+
+    scene: str = Field(description="name of a packaged scene, or a path relative to this file")
+    set: list[str] = Field([], description="changes of the scene: ['table.key=value']")
+    cells: Literal["nodes", "faces"] = Field(
+        "nodes",
+        description="cells of a rectilinear grid: nodes of it, or faces of an unstructured one",
+    )
+    floe_capacity: Annotated[int, Field(ge=0)] = Field(
+        0, description="room for single floes, fixed for the run; 0: no floe-level variables"
+    )
+    restart: str | None = Field(
+        None, description="file that save_state wrote, relative to this file"
+    )
+
+
+class BmiFile(Table):
+    """A configuration file that is not a scene itself."""
+
+    bmi: BmiTable
+
+
+def read_config(config_file: str) -> tuple[Scene, BmiTable]:
+    """The scene of a configuration file, and how a host sees it.
+
+    Raises
+    ------
+    InputError
+        one line with file, table, key and value.
+    """
+    path = find_scene(config_file)
+    text = read_text(path) if path.suffix in (".toml", ".yaml", ".yml") else ""
+    tables = parse(text, str(path), yaml=path.suffix != ".toml")
+    if "bmi" not in tables:
+        return read_scene(config_file), BmiTable(scene=str(path))
+    table = validate(BmiFile, tables, str(path)).bmi
+    beside = path.parent / table.scene
+    scene = read_scene(beside if beside.exists() else table.scene, table.set)
+    if table.restart is not None:
+        table = table.model_copy(update={"restart": str(path.parent / table.restart)})
+    return scene, table

@@ -1,0 +1,292 @@
+"""The command line: what it prints, what it leaves, and how it refuses."""
+
+import subprocess
+import sys
+
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from floebmi import __version__
+from floebmi.cli import floebmi
+from floebmi.output import load_restart
+from floebmi.scenes import packaged
+
+
+@pytest.fixture
+def cli(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*args):
+        return CliRunner().invoke(floebmi, [str(arg) for arg in args], prog_name="floebmi")
+
+    return call
+
+
+def fast(*more):
+    """Two floes for a quarter of a minute."""
+    return ["run", "two-floes", "--set", "time.duration=15", "--quiet", *more]
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """The folder of a finished run."""
+    folder = tmp_path_factory.mktemp("ran") / "two"
+    result = CliRunner().invoke(floebmi, fast("--to", str(folder)))
+    assert result.exit_code == 0, result.output
+    return folder
+
+
+# ---- help -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("args", [[], ["--help"]])
+def test_without_arguments_it_shows_what_to_try(cli, args):
+    result = cli(*args)
+    assert result.exit_code == 0
+    assert "floebmi run labrador-sea" in result.stdout
+    for command in ("run", "explain", "scene", "plot", "animate", "export"):
+        assert f"\n  {command} " in result.stdout
+
+
+def test_it_tells_its_version(cli):
+    assert cli("--version").stdout == f"floebmi {__version__}\n"
+
+
+def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
+    code = (
+        "import sys, runpy; sys.argv = ['floebmi', 'scene']\n"
+        "try: runpy.run_module('floebmi', run_name='__main__')\n"
+        "except SystemExit as end: assert not end.code\n"
+        "print([m for m in ('numba', 'xarray', 'matplotlib', 'pydantic') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "two-floes" in done.stdout
+    assert done.stdout.endswith("[]\n")
+    wrong = subprocess.run(
+        [sys.executable, "-m", "floebmi", "run", "two-flos"], capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert wrong.returncode == 2
+    assert wrong.stdout == ""
+    assert wrong.stderr.count("\n") == 1
+    assert "did you mean 'two-floes'?" in wrong.stderr
+
+
+# ---- errors -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["rnu"], "did you mean 'run'?"),
+        (["run"], "Missing argument 'SCENE'"),
+        (["run", "two-floes", "--too", "a"], "--to"),
+        (["run", "two-floes", "--duration", "long"], "'long' is not a valid float"),
+        (["run", "two-floes", "--duration", "-1"], "must be greater than 0"),
+        (["run", "nowhere.toml"], "nowhere.toml: no such file"),
+        (["run", "two-floes", "--set", "time.duration=0"], "--set time.duration=0: must be greater"),
+        (["run", "two-floes", "--set", "tim.duration=1"], "did you mean 'time'?"),
+        (["run", "two-floes", "--set", "output.gridded=true"], "[output] gridded = true: needs a [grid]"),
+        (["run", "two-floes", "--restart", "no.nc"], "no.nc"),
+        (["explain", "two-flos"], "did you mean 'two-floes'?"),
+        (["scene", "two-flos"], "did you mean 'two-floes'?"),
+        (["scene", "--to", "a.toml"], "say which scene"),
+        (["scene", "two-floes", "--to", "a.txt"], "must end in .toml"),
+        (["plot", "no.nc"], "no.nc"),
+        (["animate", "no.nc"], "no.nc"),
+        (["export", "no.nc"], "no.nc"),
+        (["plot", "."], "neither floes.nc nor gridded.nc"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_one_line_with_exit_code_2_and_nothing_is_written(
+    cli, tmp_path, args, said
+):
+    result = cli(*args)
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("floebmi: ")
+    assert result.stderr.count("\n") == 1
+    assert said in result.stderr
+    assert result.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_the_traceback(cli):
+    result = cli("run", "two-flos", "--debug")
+    assert "did you mean" in str(result.exception)
+    assert result.exc_info[2].tb_next is not None
+
+
+def test_floes_that_overlap_are_refused_with_the_scene_s_name(cli):
+    result = cli("run", "two-floes", "--set", "floes.each.2.x=51")
+    assert result.exit_code == 2
+    assert "two-floes.toml: " in result.stderr
+    assert "overlap" in result.stderr
+
+
+def test_a_run_that_leaves_its_bounds_ends_with_3_and_says_where_its_state_is(cli, tmp_path):
+    result = cli(
+        "run", "two-floes", "--quiet", "--set", "step.length=5", "--set", "time.duration=200",
+        "--set", "time.exchange=5", "--set", "output.every=5", "--set", "floes.each.1.u=9",
+    )  # fmt: skip
+    assert result.exit_code == 3, result.output
+    assert result.stderr.count("\n") == 1
+    assert "saved in two-floes/restart.nc" in result.stderr
+    assert (tmp_path / "two-floes" / "restart.nc").exists()
+    with xr.open_dataset(tmp_path / "two-floes" / "floes.nc", decode_times=False) as data:
+        assert data.sizes["time"] >= 1
+
+
+def test_an_error_of_the_program_is_one_line_as_well(cli, monkeypatch):
+    monkeypatch.setattr("floebmi.scene.read_scene", lambda *args: 1 / 0)
+    result = cli("run", "two-floes")
+    assert result.exit_code == 1
+    assert "error in the program: ZeroDivisionError" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+# ---- run --------------------------------------------------------------------------------------
+
+
+def test_a_run_prints_what_is_modelled_the_ledgers_and_the_files_it_wrote(cli, tmp_path):
+    result = cli("run", "two-floes", "--set", "time.duration=15", "--profile")
+    assert result.exit_code == 0, result.output
+    for said in (
+        "Two floes collide", "Coulomb(coefficient=0.3", "absent: bonds", "floe-steps/s",
+        "residual", "renewals of the pair list",
+    ):  # fmt: skip
+        assert said in result.stdout
+    names = ["floes.nc", "restart.nc", "two-floes.png"]
+    assert sorted(path.name for path in (tmp_path / "two-floes").iterdir()) == names
+    for name in names:
+        assert f"wrote two-floes/{name}\n" in result.stdout
+    with xr.open_dataset(tmp_path / "two-floes" / "floes.nc", decode_times=False) as data:
+        assert data.title.startswith("Two floes collide")
+        assert "# --set time.duration=15" in data.attrs["scene"]
+        assert float(data.time[-1]) == 15.0
+
+
+def test_quiet_prints_nothing(cli):
+    result = cli(*fast())
+    assert (result.exit_code, result.output) == (0, "")
+
+
+def test_output_is_not_replaced_without_force(cli, ran):
+    before = (ran / "floes.nc").read_bytes()
+    result = cli(*fast("--to", ran))
+    assert result.exit_code == 2
+    assert str(ran / "floes.nc") in result.stderr
+    assert (ran / "floes.nc").read_bytes() == before
+    assert cli(*fast("--to", ran, "--force")).exit_code == 0
+
+
+def test_a_run_can_go_on_from_its_restart_file_to_the_same_bits(cli, ran, tmp_path):
+    assert cli(*fast("--to", "half", "--duration", 7.5)).exit_code == 0
+    result = cli(*fast("--restart", "half/restart.nc", "--to", "rest"))
+    assert result.exit_code == 0, result.output
+    whole, _ = load_restart(ran / "restart.nc")
+    rest, _ = load_restart(tmp_path / "rest" / "restart.nc")
+    assert rest["time"] == 15.0
+    for name in ("floes_x", "floes_u", "floes_angle"):
+        assert (whole[name] == rest[name]).all()
+    result = cli(*fast("--restart", "rest/restart.nc", "--to", "more"))
+    assert result.exit_code == 2
+    assert "give a longer --duration" in result.stderr
+
+
+def test_a_restart_file_of_another_scene_is_refused(cli, ran):
+    result = cli(*fast("--restart", ran / "restart.nc", "--set", "contact=none", "--duration", 60))
+    assert result.exit_code == 2
+    assert f"--restart {ran / 'restart.nc'}: " in result.stderr
+
+
+# ---- explain, scene ---------------------------------------------------------------------------
+
+
+def test_explain_says_what_is_modelled_what_is_absent_and_what_it_costs(cli):
+    result = cli("explain", "two-floes")
+    assert result.exit_code == 0, result.output
+    for said in (
+        "Coulomb", "because friction turns floes", "left out", "bonds", "6 velocity components",
+        "0.15 of the stability limit", "MB", "floe-steps/s",
+    ):  # fmt: skip
+        assert said in result.stdout
+    free = cli("explain", "two-floes", "--set", "contact=none", "--set", "ocean.velocity=[1,0]")
+    assert "rotation" in free.stdout.partition("left out")[2]
+    assert "4 velocity components" in free.stdout
+    assert "one per exchange" in free.stdout
+    assert "note: ocean drag" in free.stdout
+
+
+def test_scene_lists_prints_and_copies(cli, tmp_path):
+    listed = cli("scene").stdout
+    assert all(name in listed for name in packaged())
+    assert cli("scene", "two-floes").stdout == packaged()["two-floes"].read_text()
+    assert cli("scene", "strait", "--to", "mine.toml").exit_code == 0
+    assert (tmp_path / "data" / "strait.geojson").exists()
+    assert cli("scene", "strait", "--to", "mine.toml").exit_code == 0  # the same again
+    (tmp_path / "mine.toml").write_text("edited")
+    assert cli("scene", "strait", "--to", "mine.toml").exit_code == 2
+    assert (tmp_path / "mine.toml").read_text() == "edited"
+    assert cli("scene", "strait", "--to", "mine.toml", "--force").exit_code == 0
+    keys = cli("scene", "--keys").stdout
+    assert "[floes.size]" in keys
+    assert "SI units" in keys
+
+
+def test_a_copied_scene_runs(cli, tmp_path):
+    assert cli("scene", "two-floes", "--to", tmp_path).exit_code == 0
+    result = cli("run", "two-floes.toml", "--duration", "5", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "two-floes" / "floes.nc").exists()
+
+
+# ---- pictures ---------------------------------------------------------------------------------
+
+
+def test_plot_animate_and_export_work_on_a_run(cli, ran, tmp_path):
+    for args, file in (
+        (["plot", ran, "--to", "a.png"], "a.png"),
+        (["plot", ran / "floes.nc", "--color", "thickness", "--time", 0, "--to", "b.svg"], "b.svg"),
+        (["plot", ran, "--ledger", "--to", "c.png"], "c.png"),
+        (["animate", ran, "--to", "d.gif", "--every", 3], "d.gif"),
+        (["export", ran, "--to", "e"], "e/floes.pvd"),
+    ):
+        result = cli(*args)
+        assert result.exit_code == 0, result.output
+        assert f"wrote {file}" in result.stdout
+        assert (tmp_path / file).exists()
+    again = cli("plot", ran, "--to", "a.png")
+    assert again.exit_code == 2
+    assert "--force" in again.stderr
+    assert cli("plot", ran, "--to", "a.png", "--force").exit_code == 0
+    wrong = cli("plot", ran, "--color", "sped", "--to", "f.png")
+    assert wrong.exit_code == 2
+    assert "did you mean 'speed'?" in wrong.stderr
+    assert "gridded.nc" in cli("plot", ran, "--variable", "area_fraction").stderr
+
+
+# ---- the main job -----------------------------------------------------------------------------
+
+
+def test_labrador_sea_runs_end_to_end_on_real_data(cli, tmp_path):
+    result = cli(
+        "run", "labrador-sea", "--duration", 14400, "--set", "output.every=7200",
+        "--set", "time.exchange=3600",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    folder = tmp_path / "labrador-sea"
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"gridded.nc", "floes.nc", "restart.nc", "labrador-sea.png"}
+    with xr.open_dataset(folder / "gridded.nc") as data:
+        assert data.sizes["time"] == 3
+        assert 0.3 < float(data.sea_ice_area_fraction[-1].max()) <= 1.0
+        wind = (data.x_wind**2 + data.y_wind**2) ** 0.5
+        assert 0.5 < float(wind.max()) < 10.0  # monthly means
+    with xr.open_dataset(folder / "floes.nc") as data:
+        assert data.sizes["trajectory"] > 1000
+        assert str(data.time.values[0]).startswith("1979-01")
+        moved = ((data.x[-1] - data.x[0]) ** 2 + (data.y[-1] - data.y[0]) ** 2) ** 0.5
+        assert 10.0 < float(moved.max()) < 14400 * 0.5
+    ledger = next(line for line in result.stdout.splitlines() if "relative" in line).split()
+    assert all(float(value) < 1e-3 for value in ledger[1:])
