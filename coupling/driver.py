@@ -47,7 +47,7 @@ import hashlib
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
 import numpy as np
 from bmipy import Bmi
@@ -55,6 +55,9 @@ from bmipy import Bmi
 from coupling.regrid import Regrid, checksum
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
+
+if TYPE_CHECKING:
+    import cf_units
 
 Kind = Literal["integral", "mean"]
 
@@ -664,8 +667,11 @@ class _Connection:
         else:
             given = np.where(r.target.wet, values, 0.0) * r.target_area
             taken, missed = (carried * r.source_area).sum(), r.undelivered(values)
-        sums = given.sum(), taken, missed, np.abs(given).sum()
-        return tuple(float(value) * self._pascals for value in sums)
+        scale = self._pascals
+        return (
+            float(given.sum()) * scale, float(taken) * scale, missed * scale,
+            float(np.abs(given).sum()) * scale,
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         how = f"{self.kind} kept" + (f", weighted by {self.weight}" if self.weight else "")
@@ -694,7 +700,7 @@ def _axis(name: str) -> int | None:
     return None if found is None else "xy".index(found[1])
 
 
-def _unit(text: str, of: str):
+def _unit(text: str, of: str) -> cf_units.Unit:
     import cf_units
 
     try:
@@ -756,10 +762,10 @@ def bmi_grid(model: Bmi, name: str) -> Grid:
     return _grid_of(_told(model, number, location), number, location, name)
 
 
-def _told(model: Bmi, number: int, location: str) -> dict[str, object]:
+def _told(model: Bmi, number: int, location: str) -> dict[str, Any]:
     """Everything that BMI says about a grid and that cells are made of."""
     kind = model.get_grid_type(number)
-    told: dict[str, object] = {"type": kind, "size": model.get_grid_size(number)}
+    told: dict[str, Any] = {"type": kind, "size": model.get_grid_size(number)}
     if kind in ("uniform_rectilinear", "rectilinear", "structured_quadrilateral"):
         rank = model.get_grid_rank(number)
         told["shape"] = model.get_grid_shape(number, np.empty(rank, np.int32)).copy()
@@ -787,7 +793,7 @@ def _told(model: Bmi, number: int, location: str) -> dict[str, object]:
     return told
 
 
-def _digest(told: Mapping[str, object]) -> str:
+def _digest(told: Mapping[str, Any]) -> str:
     digest = hashlib.sha256()
     for name, value in told.items():
         digest.update(name.encode())
@@ -795,7 +801,7 @@ def _digest(told: Mapping[str, object]) -> str:
     return digest.hexdigest()
 
 
-def _grid_of(told: Mapping[str, object], number: int, location: str, of: str) -> Grid:
+def _grid_of(told: Mapping[str, Any], number: int, location: str, of: str) -> Grid:
     """Cells out of what BMI says; refuses to invent what it does not."""
     kind = told["type"]
     unclear = (

@@ -40,8 +40,10 @@ host counts it, so that the force in newtons is kept although the plane stretche
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
@@ -145,7 +147,7 @@ class Regrid:
         self.covered = self._row_sum / target_area
         self.uncovered = np.flatnonzero((self._row_sum == 0) & target.wet)
 
-    @property
+    @functools.cached_property
     def reverse(self) -> Regrid:
         """The exchange with source and target changed over, from the same overlaps.
 
@@ -366,7 +368,7 @@ def project(grid: Grid, projection: str) -> Grid:
 
 def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:
     """Areas of longitude-latitude cells on the sphere [m²], edges as the module's text says: (size,)."""
-    if grid.x_edges is not None:
+    if grid.x_edges is not None and grid.y_edges is not None:
         south, north = np.radians(grid.y_edges[:-1]), np.radians(grid.y_edges[1:])
         height = 2 * np.cos(0.5 * (south + north)) * np.sin(0.5 * (north - south))
         return radius**2 * np.outer(height, np.diff(np.radians(grid.x_edges))).ravel()
@@ -418,7 +420,7 @@ def _overlaps_plane(source: Grid, target: Grid) -> tuple[csr_array, np.ndarray, 
     return overlap, source.area, target.area
 
 
-def _overlaps_1d(source_edges: np.ndarray, target_edges: np.ndarray, length: np.ufunc) -> csr_array:
+def _overlaps_1d(source_edges: np.ndarray, target_edges: np.ndarray, length: Callable[..., np.ndarray]) -> csr_array:
     """Lengths in common (target, source): both sets of edges together cut the axis into pieces."""
     from scipy.sparse import csr_array
 
@@ -439,7 +441,7 @@ def _cut(
     target: Grid,
     source_area: np.ndarray,
     target_area: np.ndarray,
-    measure,
+    measure: Callable[[np.ndarray], np.ndarray],
 ) -> csr_array:
     """Areas in common of wet cells given as polygons; None stands for a cell that cannot meet any."""
     import shapely
@@ -571,7 +573,7 @@ def _triangles(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """
     a, b, c = np.broadcast_arrays(a, b, c)
 
-    def dot(p, q):
+    def dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
         return np.einsum("...i,...i", p, q)
 
     return 2 * np.arctan2(dot(a, np.cross(b - a, c - a)), 1 + dot(a, b) + dot(b, c) + dot(c, a))

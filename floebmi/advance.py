@@ -98,11 +98,12 @@ class Advance:
         """Pack the floes, list their neighbours, and find the forces they begin with."""
         self._pack(self.state.memory, np.arange(len(self.floes)))
 
-    def _pack(self, old: PairList, old_place: np.ndarray) -> None:
-        state = self.state
-        self.packed = pack(self.floes, self.contact, self.density, state.previous)
-        number = self.packed.number
-        self.here = tuple(at[number] for at in self.at)
+    def look(self) -> None:
+        """What `start` does, but for what only steps need."""
+        self._list(self.state.memory, np.arange(len(self.floes)))
+
+    def _list(self, old: PairList, old_place: np.ndarray) -> None:
+        self.packed = pack(self.floes, self.contact, self.density, self.state.previous)
         radius = self.packed.place.r[~self.packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
@@ -110,6 +111,11 @@ class Advance:
         self.pairs = list_pairs(self.packed, self.contact, self.period, self.skin, old, old_place)
         self._list_walls()
         self._touch(0.0)
+
+    def _pack(self, old: PairList, old_place: np.ndarray) -> None:
+        state = self.state
+        self._list(old, old_place)
+        self.here = tuple(at[self.packed.number] for at in self.at)
         self.travelled = 0.0
         self.stiffest = stiffest(
             self.contact, self.packed, self.pairs, self.period,

@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 from bmipy import Bmi
 
+from floebmi import variables
 from floebmi.errors import InputError, choose
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
@@ -158,6 +159,15 @@ SCALARS: tuple[Scalar, ...] = (
     ),
 )
 """Outputs that are one number each: grid type `scalar`, rank 0, size 1."""
+
+
+def table() -> str:
+    """All variables as Markdown, for the documentation."""
+    lines = [
+        f"| | {row.csdms} | | {row.units} | {row.text} | | one number, out | from the start |\n"
+        for row in SCALARS
+    ]
+    return variables.table() + "".join(lines)
 
 
 # ---- grids as BMI tells them ------------------------------------------------------------------
@@ -355,23 +365,12 @@ class _Running:
     # ---- the whole state
 
     def state(self) -> dict[str, Any]:
-        """All that `restore` needs; shares nothing with the model."""
-        shown = {row.name: self.values[name] for name, row in self.rows.items() if _is_mean(row)}
-        state = {
-            "model": self.model.state(),
-            "mean": shown,
+        """All that `load` needs; shares nothing with the model."""
+        return {
+            "model": _copied(self.model.state()),
+            "mean": {row.name: self.values[n] for n, row in self.rows.items() if _is_mean(row)},
             "driven_by_scene": {name: name in self.sources for name in ("ocean", "atmosphere")},
         }
-        return _copied(state)
-
-    def restore(self, state: dict[str, Any]) -> None:
-        self.model.restore(state["model"])
-        for name, by_scene in state["driven_by_scene"].items():
-            if not by_scene:
-                self.sources.pop(name, None)
-            elif name in self.sources:
-                self.filled[name] = _bits(self._fluid(name))
-        self.show(self.model.fields() | state["mean"])
 
     def load(self, path: Path) -> None:
         from floebmi.output import load_restart
@@ -380,16 +379,22 @@ class _Running:
         if set(state) != set(self.state()):
             raise InputError(f"{path}: not a state that save_state of this component wrote")
         with self.unchanged_on_failure():
-            self.restore(state)
+            self.model.restore(state["model"])
+            self.show(self.model.fields() | state["mean"])
+            for name, by_scene in state["driven_by_scene"].items():
+                if not by_scene:
+                    self.sources.pop(name, None)
+                elif name in self.sources:
+                    self.filled[name] = _bits(self._fluid(name))
 
     @contextmanager
     def unchanged_on_failure(self) -> "Iterator[None]":
-        before = self.state()
-        sources, filled = dict(self.sources), dict(self.filled)
+        """What fails in here is undone; `show` comes last of what can fail, so outputs need no copies."""
+        before, sources, filled = _copied(self.model.state()), dict(self.sources), dict(self.filled)
         try:
             yield
         except BaseException:
-            self.restore(before)
+            self.model.restore(before)
             self.sources, self.filled = sources, filled
             raise
 
@@ -751,14 +756,7 @@ def _bits(fluid: "Fluid") -> np.ndarray:
 
 
 def _copied(state: dict[str, Any]) -> dict[str, Any]:
-    return {
-        name: _copied(value)
-        if isinstance(value, dict)
-        else value.copy()
-        if isinstance(value, np.ndarray)
-        else value
-        for name, value in state.items()
-    }
+    return {n: v.copy() if isinstance(v, np.ndarray) else v for n, v in state.items()}
 
 
 def _check_capacity(floes: "Floes", capacity: int) -> None:

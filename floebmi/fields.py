@@ -223,19 +223,11 @@ def _describe(file: File, name: str) -> str:
 
 # ----------------------------------------------------------------------------------------- dimensions
 
-_LON = {
-    "lon",
-    "longitude",
-    "nav_lon",
-    "lon_rho",
-    "glamt",
-    "xc",
-    "geolon",
-    "tlong",
-    "tlon",
-    "xt_ocean",
-}
-_LAT = {"lat", "latitude", "nav_lat", "lat_rho", "gphit", "yc", "geolat", "tlat", "yt_ocean"}
+COORDINATES = {
+    "lon": {"lon", "longitude", "nav_lon", "lon_rho", "glamt", "xc", "geolon", "tlong", "tlon",
+            "xt_ocean"},
+    "lat": {"lat", "latitude", "nav_lat", "lat_rho", "gphit", "yc", "geolat", "tlat", "yt_ocean"},
+}  # fmt: skip
 _TIME = {"time", "ocean_time", "time_counter", "t", "date", "valid_time", "mt"}
 _VERTICAL = {
     "depth", "z", "lev", "level", "deptht", "depthu", "depthv", "s_rho", "height", "height0",
@@ -252,9 +244,17 @@ def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
     units = str(attrs.get("units", "")).lower()
     if standard in ("grid_longitude", "grid_latitude"):  # a rotated pole's own degrees
         return None
-    if standard == "longitude" or units in _EAST or (low in _LON and units[:3] in ("", "deg")):
+    if (
+        standard == "longitude"
+        or units in _EAST
+        or (low in COORDINATES["lon"] and units[:3] in ("", "deg"))
+    ):
         return "lon"
-    if standard == "latitude" or units in _NORTH or (low in _LAT and units[:3] in ("", "deg")):
+    if (
+        standard == "latitude"
+        or units in _NORTH
+        or (low in COORDINATES["lat"] and units[:3] in ("", "deg"))
+    ):
         return "lat"
     if standard == "time" or axis == "T" or variable.dtype.kind == "M" or low in _TIME:
         return "time"

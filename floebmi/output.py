@@ -702,7 +702,8 @@ def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
     ends = np.concatenate([pairs.i, pairs.j])
 
     def per_floe(values: np.ndarray) -> np.ndarray:
-        return np.bincount(ends, np.tile(values, 2), minlength=n)
+        sums = np.bincount(ends, np.tile(values, 2), minlength=n)
+        return sums.astype(np.float64)  # without any contact they come as integers
 
     sums = {
         "contact_count": np.bincount(ends, minlength=n).astype(np.int32),

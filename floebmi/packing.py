@@ -36,6 +36,7 @@ SWEEPS = 2000, 6000  # after which a packing is given up: floes of several sizes
 ROUNDS = 6  # in which floes that found no room are laid elsewhere
 CLASS = 4.0  # floes within this ratio of radii are laid together
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
+WHOLE_ROWS = 0.03  # the same on a lattice
 CLOSE_ENOUGH = 0.005  # relative error of the concentration that is still what was asked for
 
 EDGES_KEPT = ("closed", "inactive")  # edges that floes are laid inside of
@@ -84,7 +85,7 @@ def scatter(
     >>> from floebmi.sizes import UniformSize
     >>> box = Domain((0.0, 2000.0), (0.0, 1000.0), west="periodic", east="periodic")
     >>> floes = scatter(box, UniformSize(10.0, 20.0), concentration=0.8, seed=1)
-    >>> round(floes.area.sum() / box.area, 3)
+    >>> round(float(floes.area.sum() / box.area), 2)
     0.8
     """
     check_domain(domain)
@@ -93,7 +94,9 @@ def scatter(
         raise InputError(
             f"concentration = {concentration}, count = {count}: give one of them, not both"
         )
-    rng = np.random.Generator(np.random.PCG64(seed))
+    rng = _generator(seed)
+    if not (np.isfinite(thickness) and thickness > 0):
+        raise InputError(f"thickness = {thickness} m; must be greater than 0")
     barrier = _barrier(land, domain, sizes.range[0])
     room = domain.area - barrier.area
     if room <= 1e-9 * domain.area:
@@ -114,13 +117,15 @@ def scatter(
         )
     _check_fit(radius, domain)
     ground = _ground(domain, barrier, len(radius))
-    ground.ice[ground.group >= 0] = 1.0
-    ground.ice[:] *= filled * room / max(ground.ice.sum(), 1.0)
+    sea = ground.group >= 0
+    if not sea.any():
+        raise InputError(f"land leaves {room:.4g} m², too little to find a place for floes")
+    ground.ice[sea] = filled * room / np.count_nonzero(sea)
     x, y, _, left = _settle(radius, ground, barrier, domain, rng)
     if left.any():
         raise InputError(
-            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes do not fit; choose less, or "
-            "smaller floes, or a wider range of sizes"
+            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room of their own; "
+            "choose less, or smaller floes, or a wider range of sizes"
         )
     order = sort_in_space(x, y, radius) if len(x) else slice(None)
     return Floes(x[order], y[order], radius[order], thickness)
@@ -193,7 +198,7 @@ def from_field(
         if (wrong & grid.wet).any():
             cell = int(np.flatnonzero(wrong & grid.wet)[0])
             raise InputError(f"{name} of cell {cell} = {values[cell]}; {right}")
-    rng = np.random.Generator(np.random.PCG64(seed))
+    rng = _generator(seed)
     fraction = np.where(grid.wet, fraction, 0.0)
     inside = _area_inside(grid, domain)
     wanted = float(np.sum(fraction * inside))
@@ -242,7 +247,8 @@ def regular(
     domain : its size, and which edges are periodic
     radius : of all floes [m]
     spacing : of neighbours [m], at least 2 radii
-    concentration : area of floes over that of the domain, in place of a spacing, met within 0.5 %
+    concentration : area of floes over that of the domain, in place of a spacing, met as closely
+        as whole rows allow, and within 3 %
     lattice : "hexagonal" or "square"
     thickness : of all floes [m]
 
@@ -281,10 +287,10 @@ def regular(
         best = min(
             fitting, key=lambda rows: (abs(rows.count / target - 1), rows.stretch), default=None
         )
-        if best is None or abs(best.count / target - 1) > CLOSE_ENOUGH:
+        if best is None or abs(best.count / target - 1) > WHOLE_ROWS:
             nearest = 0.0 if best is None else best.count / target * concentration
             raise InputError(
-                f"concentration = {concentration:g}: no whole number of rows comes within 0.5 % "
+                f"concentration = {concentration:g}: no whole number of rows comes within 3 % "
                 f"without overlap; nearest that fits: {nearest:.4g}"
             )
     x, y = _on_rows(best, domain)
@@ -623,6 +629,12 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
     return np.broadcast_to(values.ravel() if values.ndim else values, grid.size)
 
 
+def _generator(seed: int) -> np.random.Generator:
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError(f"seed = {seed!r}; must be a whole number, at least 0")
+    return np.random.Generator(np.random.PCG64(seed))
+
+
 def _draw_area(
     sizes: Sizes, area: float, rng: np.random.Generator, strict: bool = True
 ) -> np.ndarray:
@@ -670,12 +682,18 @@ class _Ground(NamedTuple):
     """
 
     shape: tuple[int, int]
+    origin: tuple[float, float]
     step: tuple[float, float]
     column: np.ndarray
     row: np.ndarray
     group: np.ndarray
     ice: np.ndarray
     clear: np.ndarray | None
+
+    def centres(self, k: np.ndarray) -> np.ndarray:
+        """x, y of raster cells [m], shape (len(k), 2)."""
+        corner = np.stack([self.column[k], self.row[k]], axis=1)
+        return np.array(self.origin) + (corner + 0.5) * self.step
 
 
 def _ground(domain: Domain, barrier: _Barrier, n: int, grid: Grid | None = None) -> _Ground:
@@ -702,19 +720,28 @@ def _ground(domain: Domain, barrier: _Barrier, n: int, grid: Grid | None = None)
         free = np.ones((ny, nx), bool)
         free[row[blocked], column[blocked]] = False
         clear = ndimage.distance_transform_edt(free, sampling=step[::-1])[row, column]
-    return _Ground((ny, nx), step, column, row, group, np.zeros(len(x)), clear)
+    origin = domain.x[0], domain.y[0]
+    return _Ground((ny, nx), origin, step, column, row, group, np.zeros(len(x)), clear)
 
 
 def _spread(ground: _Ground, grid: Grid, ice: np.ndarray) -> None:
-    """Spread the ice of each grid cell over its raster cells."""
-    here = ground.group >= 0
+    """Spread the ice of each grid cell [m²] over its raster cells."""
+    from scipy.spatial import cKDTree
+
+    here = np.flatnonzero(ground.group >= 0)
     count = np.bincount(ground.group[here], minlength=grid.size)
     ground.ice[here] = (ice / np.maximum(count, 1))[ground.group[here]]
-    if ((count == 0) & (ice > 0)).any():
-        raise InputError(
-            f"grid: cell {int(np.flatnonzero((count == 0) & (ice > 0))[0])} is too small beside the "
-            "domain; choose a grid of more even cells"
-        )
+    missed = np.flatnonzero((count == 0) & (ice > 0))
+    if not len(missed):
+        return
+    # cells smaller than the raster's give their ice to the nearest raster cell that has some
+    some = here[ground.ice[here] > 0]
+    if not len(some):
+        raise InputError("area_fraction: the cells with ice are too small beside the domain")
+    nearest = cKDTree(ground.centres(some)).query(
+        np.stack([grid.x[missed], grid.y[missed]], axis=1)
+    )
+    np.add.at(ground.ice, some[nearest[1]], ice[missed])
 
 
 @jit
@@ -761,8 +788,7 @@ def _settle(
             place = np.flatnonzero(clear)
             if not len(place):
                 continue
-            at = np.stack([ground.column[place], ground.row[place]], axis=1) + 0.5
-            at = np.array([domain.x[0], domain.y[0]]) + at * ground.step
+            at = ground.centres(place)
             near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
             x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
         _press(x, y, radius, free, barrier.discs, domain, EDGES_KEPT, rng=rng)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import Box, File, coordinate, length_factor, role
+from floebmi.fields import COORDINATES, Box, File, coordinate, length_factor, role
 from floebmi.interpolation import Corners, corners, half_cell_ends, in_net, on_axis
 from floebmi.projection import (
     axes_in_plane,
@@ -349,8 +349,8 @@ def _lonlat_net(
         wide = [d for d in variable.dims if variable.sizes[d] > 1 or d in dims]
         if what in pairs and sorted(wide) == sorted(dims):
             pairs[what].append(str(name))
-    for names in pairs.values():
-        names.sort(key=lambda name: name not in named)  # those the variable itself names come first
+    for what, names in pairs.items():  # those that the variable itself names come first
+        names.sort(key=lambda name: (name not in named, name.lower() not in COORDINATES[what]))
     if not (pairs["lon"] and pairs["lat"]):
         return None
     lon, lat = (_flat_net(file.data[pairs[k][0]], dims) for k in ("lon", "lat"))

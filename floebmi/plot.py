@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 WATER = "#d3e4ee"
 NOWHERE = "#eeeeee"  # outside the grid
+LETTERS_PER_INCH = 13.0  # about, in labels and titles
+TIME_WIDTH = 1.3  # inches for the time, to the right of the title
 LAND = "#b9ab8e"
 COAST = "#7d7159"
 INK = "#1d2b36"
@@ -163,16 +165,18 @@ def field(
         view = _View(data, data, _length_unit(data), _Clock(data))
         label = _label(row.text, row.units)
         scale = _scale_of(row.name, values, limits)
-        figure, axes = _canvas(view, size, _Bar(label, scale))
+        title = str(getattr(data, "title", "")) if title is None else title
+        figure, axes = _canvas(view, size, title, _Bar(label, scale), arrows is not None)
         if not row.needs_ice:
             axes.set_facecolor(NOWHERE)
         _draw_cells(axes, view, data[row.file_name].dimensions[1:], values, scale)
+        _draw_dry_cells(axes, view)
         _draw_land(axes, view)
         _draw_graticule(axes, view)
         if arrows is not None:
             _draw_arrows(axes, view, arrows, k)
         _draw_scale_bar(axes, view)
-        _titles(axes, title or str(getattr(data, "title", "")), view.clock.text(k))
+        axes.set_title(view.clock.text(k), loc="right", pad=7)
         return _save(figure, to)
 
 
@@ -257,8 +261,7 @@ def animate(
 
         def images() -> Iterator[np.ndarray]:
             for done, k in enumerate(numbers, 1):
-                picture.show(k)
-                yield _pixels(picture.figure)
+                yield picture.pixels(k)
                 if progress is not None:
                     progress(done, len(numbers))
 
@@ -411,19 +414,23 @@ def _scale_of(
 # ---- canvas -----------------------------------------------------------------------------------
 
 
-def _canvas(view: _View, size: int, bar: _Bar | None) -> tuple["Figure", "Axes"]:
+def _canvas(
+    view: _View, size: int, title: str, bar: _Bar | None, key: bool
+) -> tuple["Figure", "Axes"]:
     """A figure that fits the domain: true proportions, margins in inches, even numbers of pixels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     west, east, south, north = view.box
     aspect = (north - south) / (east - west)
-    left, right, bottom, top = 0.75, 1.15 if bar else 0.25, 0.65, 0.45
+    left, right, bottom = 0.75, 1.15 if bar else 0.25, 0.85 if key else 0.65
     width, dpi = _inches(size)
     across = width - left - right
     up = min(across * aspect, 1.25 * width)  # a tall domain makes a narrower picture
     across = up / aspect
     width = across + left + right
+    lines = textwrap.wrap(title, max(20, int((across - TIME_WIDTH) * LETTERS_PER_INCH))) or [""]
+    top = 0.3 + 0.17 * len(lines)
     height = max(up, 1.2) + bottom + top
     width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))
     figure = Figure(figsize=(width, height), dpi=dpi)
@@ -437,6 +444,7 @@ def _canvas(view: _View, size: int, bar: _Bar | None) -> tuple["Figure", "Axes"]
     axes.set_xlabel(f"x [{view.length[1]}]")
     axes.set_ylabel(f"y [{view.length[1]}]")
     axes.set_aspect("equal")
+    axes.set_title("\n".join(lines), loc="left", pad=7)
     axes.set_axisbelow(False)
     if bar is not None:
         from matplotlib.cm import ScalarMappable
@@ -453,7 +461,7 @@ def _canvas(view: _View, size: int, bar: _Bar | None) -> tuple["Figure", "Axes"]
             extend=bar.scale.extend,
             ticks=bar.scale.ticks,
         )
-        letters = int((height - bottom - top) / 0.078)
+        letters = int((height - bottom - top) * LETTERS_PER_INCH)
         shades.set_label("\n".join(textwrap.wrap(bar.label, letters)))
         shades.outline.set_linewidth(0.6)
     return figure, axes
@@ -465,11 +473,6 @@ def _inches(size: int) -> tuple[float, float]:
         raise InputError(f"size = {size}: must be at least 200 pixels")
     width = float(np.clip(size / 150, 5.5, 8.0))
     return width, size / width
-
-
-def _titles(axes: "Axes", title: str, time: str) -> None:
-    axes.set_title(title, loc="left", pad=7)
-    axes.set_title(time, loc="right", pad=7)
 
 
 def _save(figure: "Figure", to: str | Path | None) -> "Figure":
@@ -489,7 +492,6 @@ def _save(figure: "Figure", to: str | Path | None) -> "Figure":
 
 def _draw_land(axes: "Axes", view: _View) -> None:
     """Land polygons if the file has them, else the dry cells."""
-    from matplotlib.colors import ListedColormap, Normalize
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
@@ -501,7 +503,14 @@ def _draw_land(axes: "Axes", view: _View) -> None:
         codes[0] = codes[ends[:-1]] = Outline.MOVETO
         shores = Outline(nodes, codes)  # lakes run the other way round, which leaves them open
         axes.add_patch(PathPatch(shores, facecolor=LAND, edgecolor=COAST, linewidth=0.6, zorder=2))
-    elif view.gridded is not None and "land_mask" in view.gridded.variables:
+    else:
+        _draw_dry_cells(axes, view)
+
+
+def _draw_dry_cells(axes: "Axes", view: _View) -> None:
+    from matplotlib.colors import ListedColormap, Normalize
+
+    if view.gridded is not None and "land_mask" in view.gridded.variables:
         mask = view.gridded["land_mask"]
         dry = np.where(mask[:] == 1, 1.0, np.nan)
         scale = _Scale(ListedColormap([LAND]), Normalize(0, 2))
@@ -609,7 +618,7 @@ def _vectors(
 
 
 def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
-    """Arrows on the grid, at most about 25 across, with a key."""
+    """Arrows on the grid, at most about 25 across, with a key under the lower right corner."""
     if arrows not in _ARROWS:
         raise InputError(f"arrows = {arrows!r}: {choose(arrows, _ARROWS)}")
     name, units, word = _ARROWS[arrows]
@@ -621,21 +630,26 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
     step = max(1, round(max(np.shape(x)) / 25)) if x.ndim == 2 else 1
     take = (slice(step // 2, None, step),) * x.ndim
     x, y, u, v = (values[take].ravel() for values in (x, y, u, v))
-    there = np.isfinite(u) & np.isfinite(v)
-    if not there.any():
+    speed = np.nan_to_num(np.hypot(u, v))
+    if not speed.any():
         return []
-    usual = float(np.percentile(np.hypot(u, v)[there], 95)) or 1.0
+    usual = float(np.percentile(speed[speed > 0.0], 95))
+    there = speed > 0.02 * usual  # the rest would be dots
     key = _round_down(usual)
     width = view.box[1] - view.box[0]
     drawn = axes.quiver(
         *(values[there] for values in (x, y, u, v)),
-        color=INK, angles="xy", scale_units="xy", scale=usual / (0.045 * width),
-        edgecolor="white", linewidth=0.3,
-        width=0.0025, headwidth=4, zorder=5,
+        color=INK, edgecolor="white", linewidth=0.3, width=0.0025, headwidth=4, zorder=5,
+        angles="xy", scale_units="xy", scale=usual / (0.045 * width),
     )  # fmt: skip
-    label = f"{word} {key:g} {units}"
-    above = axes.quiverkey(drawn, 0.5, 1.03, key, label, labelpos="E", coordinates="axes")
-    return [drawn, above]
+    corner = axes.get_position()
+    inches = axes.figure.get_size_inches()
+    axes.quiverkey(
+        drawn, corner.x1 * inches[0] - 0.2, corner.y0 * inches[1] - 0.66, key,
+        f"{word} {key:g} {units}", labelpos="W", labelsep=0.12, coordinates="inches",
+        fontproperties={"size": 8},
+    )  # fmt: skip
+    return [drawn, axes.artists[-1]]
 
 
 def _below(axes: "Axes", side: Literal["left", "right"]) -> Any:
@@ -718,12 +732,14 @@ class _FloePicture:
             values = np.concatenate([self._values(k)[~self._still] for k in sample])
             whole = color != "speed" and data[color].dtype.kind == "i"
             self._bar = _Bar(self._label(color), _scale_of(color, values, limits, whole))
-        self.figure, self.axes = _canvas(view, size, self._bar)
-        self._title = title if title is not None else str(getattr(data, "title", ""))
+        title = str(getattr(data, "title", "")) if title is None else title
+        self.figure, self.axes = _canvas(view, size, title, self._bar, arrows is not None)
         _draw_land(self.axes, view)
         _draw_graticule(self.axes, view)
         _draw_scale_bar(self.axes, view)
+        self._time = self.axes.set_title("", loc="right", pad=7)
         self._moving: list[Any] = []
+        self._background: Any = None
 
     def show(self, k: int) -> None:
         """Draw frame k."""
@@ -748,7 +764,19 @@ class _FloePicture:
         self._moving += _draw_wind(self.axes, self._view, k)
         if self._arrows is not None:
             self._moving += _draw_arrows(self.axes, self._view, self._arrows, k)
-        _titles(self.axes, self._title, self._view.clock.text(k))
+        self._time.set_text(self._view.clock.text(k))
+
+    def pixels(self, k: int) -> np.ndarray:
+        """Frame k as RGB, shape (height, width, 3), uint8; what stands still is not drawn anew."""
+        canvas = self.figure.canvas
+        if self._background is None:
+            canvas.draw()
+            self._background = canvas.copy_from_bbox(self.figure.bbox)
+        self.show(k)
+        canvas.restore_region(self._background)
+        for artist in (*self._moving, self._time):
+            self.axes.draw_artist(artist)
+        return np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
 
     def _circles(
         self,
@@ -856,7 +884,7 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
     gained = np.nan_to_num(_filled(data["ledger_gained"][:]))
     accounts = [str(name) for name in data["ledger_account"][:]]
     width, dpi = _inches(size)
-    figure = Figure(figsize=(width, 0.75 * width), dpi=dpi, layout="constrained")
+    figure = Figure(figsize=(width, 0.85 * width), dpi=dpi, layout="constrained")
     panels = figure.subplots(2, 2, sharex=True)
     for q, (axes, name, unit) in enumerate(zip(panels.flat, QUANTITIES, UNITS, strict=True)):
         gain = stock[:, q] - stock[0, q]
@@ -865,29 +893,26 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
         axes.plot(time, gain, color="0.75", lw=5.0, solid_capstyle="butt", label="gain of the ice")
         for a in np.flatnonzero(accounts_of.any(axis=0)):
             axes.plot(time, accounts_of[:, a], label=accounts[a], color=f"C{a % 7}")
+        axes.plot(time, residual, color="black", ls=":", label="residual")
         turnover = max(np.abs(accounts_of).max(initial=0.0), np.abs(gain).max())
-        share = f" ({np.abs(residual).max() / turnover:.1g} of it)" if turnover else ""
-        axes.plot(time, residual, color="black", ls=":", label=f"residual{share}")
-        if not turnover:
+        if turnover:
+            share = np.abs(residual).max() / turnover
+            axes.set_title(f"residual: {share:.1g} of the largest", loc="right", fontsize=8)
+        else:
             axes.set_ylim(-1.0, 1.0)
         axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
-        axes.legend()
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[1]:
         axes.set_xlabel(f"time [{clock.name}]")
-    figure.suptitle(
-        title or f"{getattr(data, 'title', '')}: gains since the first frame", ha="left", x=0.02
-    )
+    lines = {line.get_label(): line for axes in panels.flat for line in axes.lines}
+    figure.legend(lines.values(), lines, loc="outside lower center", ncols=4)
+    title = f"{getattr(data, 'title', '')}: gains since the first frame" if title is None else title
+    title = "\n".join(textwrap.wrap(title, int(0.95 * width * LETTERS_PER_INCH)))
+    figure.suptitle(title, ha="left", x=0.02, fontsize=10)
     return figure
 
 
 # ---- film -------------------------------------------------------------------------------------
-
-
-def _pixels(figure: "Figure") -> np.ndarray:
-    """The figure as RGB, shape (height, width, 3), uint8."""
-    figure.canvas.draw()
-    return np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[:, :, :3])
 
 
 def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: int) -> None:

@@ -218,8 +218,8 @@ def images(
     grid: Grid,
     x: np.ndarray,
     y: np.ndarray,
-    reach_x: np.ndarray,
-    reach_y: np.ndarray,
+    reach_x: np.ndarray | float,
+    reach_y: np.ndarray | float,
     period: Period,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The repetitions of things at (x, y) that meet the grid's bounding box, reaching so far [m].
@@ -295,13 +295,16 @@ def _centre_weights(
     grid: Grid, x: np.ndarray, y: np.ndarray, period: Period
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights by the cells at floe centres, dry ones left out, not yet summing to 1."""
+    west, east, south, north = grid.bounds
     _, floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
+    # Here the far rim is inside, lest a centre that round-off puts on the seam falls through.
+    image_x = np.minimum(image_x, np.nextafter(east, west))
+    image_y = np.minimum(image_y, np.nextafter(north, south))
     cell = grid.locate(image_x, image_y)
     held, first = np.unique(floe[cell >= 0], return_index=True)
     place = np.flatnonzero(cell >= 0)[first]  # one image of each floe, though two may touch the rim
     cells, weights = cell[place, None], np.ones((held.size, 1))
     if grid.x_edges is not None:
-        west, east, south, north = grid.bounds
         wraps = tuple(
             length is not None and abs(extent - length) <= 1e-9 * extent
             for length, extent in zip(period, (east - west, north - south), strict=True)

@@ -14,7 +14,6 @@ from typing import Literal, NamedTuple
 
 from floebmi.errors import InputError, choose
 
-
 LONGEST_NAME = 40  # letters, of a variable in a file
 
 

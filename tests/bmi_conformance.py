@@ -440,7 +440,9 @@ def signs(factory: Factory, config: str) -> Iterator[str]:
             mass = value(bmi, MASS)
             if not (value(bmi, DRIFT[q]) * mass).sum() > 0:
                 yield f"{given[q]} = {strength}: {DRIFT[q]} does not follow"
-            if (np.abs(value(bmi, ON_OCEAN[q])) > value(bmi, MAGNITUDE) * (1 + 1e-12) + 1e-300).any():
+            if (
+                np.abs(value(bmi, ON_OCEAN[q])) > value(bmi, MAGNITUDE) * (1 + 1e-12) + 1e-300
+            ).any():
                 yield f"|{ON_OCEAN[q]}| is larger than {MAGNITUDE}"
 
 
@@ -465,7 +467,9 @@ def conservation(factory: Factory, config: str) -> Iterator[str]:
                 yield f"{ON_OCEAN[q]} is not the change of {IMPULSE[q]} over time"
             per_ice = new[PER_ICE[q]] * fraction
             full = (fraction >= 1.0) | (fraction <= 0.0)
-            if not np.allclose(per_ice[~full], new[ON_OCEAN[q]][~full], rtol=1e-9, atol=1e-12 * scale):
+            if not np.allclose(
+                per_ice[~full], new[ON_OCEAN[q]][~full], rtol=1e-9, atol=1e-12 * scale
+            ):
                 yield f"{PER_ICE[q]} × {FRACTION} is not {ON_OCEAN[q]}"
             if cells is None:
                 continue

@@ -367,6 +367,7 @@ class RowsRunFromNorthToSouth(FloeBmi):
 
 # ---- faces, for scenes with `cells = "faces"` ------------------------------------------------------
 
+
 @face_mutant("grids")
 class FacesAreClockwise(FloeBmi):
     def get_grid_face_nodes(self, grid: int, face_nodes: np.ndarray) -> np.ndarray:
@@ -427,7 +428,9 @@ class PointersAreCopies(FloeBmi):
 class OutputsAreNewArraysAfterEachUpdate(FloeBmi):
     def update(self) -> None:
         super().update()
-        self._running.values |= {n: self.get_value_ptr(n).copy() for n in self.get_output_var_names()}
+        self._running.values |= {
+            n: self.get_value_ptr(n).copy() for n in self.get_output_var_names()
+        }
 
 
 @mutant("getters")
@@ -673,5 +676,3 @@ class LoadOfNothingIsSilent(FloeBmi):
     def load_state(self, path) -> None:
         if path.exists():
             super().load_state(path)
-
-

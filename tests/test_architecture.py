@@ -20,7 +20,8 @@ def imports_at_the_top(path):
 
 
 def test_imports_go_one_way():
-    graph = {path.stem: set(imports_at_the_top(path)) for path in FILES}
+    names = {path.stem for path in FILES}
+    graph = {path.stem: set(imports_at_the_top(path)) & names for path in FILES}
     placed = set()
     while graph:
         free = {name for name, needs in graph.items() if needs <= placed}
@@ -51,7 +52,9 @@ def test_physics_does_not_know_who_runs_it(below, above):
 
 def test_the_package_does_not_import_the_couplings():
     for path in FILES:
-        assert not re.search(r"^\s*(from|import) coupling", path.read_text(), re.MULTILINE), path.name
+        assert not re.search(r"^\s*(from|import) coupling", path.read_text(), re.MULTILINE), (
+            path.name
+        )
 
 
 def test_numba_is_set_up_in_kernels_alone():

@@ -80,7 +80,5 @@ def test_this_breach_is_found(scenes: Path, mutant: type[FloeBmi], check: str) -
 @pytest.mark.parametrize(
     ("mutant", "check"), FACE_MUTANTS, ids=lambda it: getattr(it, "__name__", it)
 )
-def test_this_breach_of_faces_is_found(
-    scenes: Path, mutant: type[FloeBmi], check: str
-) -> None:
+def test_this_breach_of_faces_is_found(scenes: Path, mutant: type[FloeBmi], check: str) -> None:
     assert found(mutant, scenes / "uniform-faces.toml", check)

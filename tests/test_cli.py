@@ -218,6 +218,13 @@ def test_explain_says_what_is_modelled_what_is_absent_and_what_it_costs(cli):
     assert "note: ocean drag" in free.stdout
 
 
+@pytest.mark.parametrize("name", packaged())
+def test_every_packaged_scene_can_be_built_and_explained(cli, name):
+    result = cli("explain", name)
+    assert result.exit_code == 0, result.output
+    assert "steps of" in result.stdout
+
+
 def test_scene_lists_prints_and_copies(cli, tmp_path):
     listed = cli("scene").stdout
     assert all(name in listed for name in packaged())

@@ -5,7 +5,6 @@ import importlib.util
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -645,6 +644,107 @@ def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(oce
     assert host.get_current_time() == 0.0
 
 
+# ---- with floebmi itself ----------------------------------------------------------------------
+
+FLOES = """
+seed = 5
+[contact]
+model = "frictional"
+youngs_modulus = 2e6
+[domain]
+x = [1e3, 17e3]
+y = [2e3, 11e3]
+edges = "closed"
+[grid]
+shape = [7, 9]
+[floes]
+concentration = 0.5
+size = { distribution = "uniform", radius_min = 400.0, radius_max = 900.0 }
+[ocean]
+drag = "constant-cd"
+[atmosphere]
+drag = "constant-cd"
+velocity = [8.0, 0.0]
+[coriolis]
+latitude = 80
+[time]
+exchange = 600.0
+"""
+
+
+@pytest.fixture
+def floes(tmp_path):
+    from floebmi import FloeBmi
+
+    def started(text=FLOES, cells="nodes", restart=None):
+        (tmp_path / "floes.toml").write_text(text)
+        table = ["[bmi]", 'scene = "floes.toml"', f'cells = "{cells}"']
+        table += [f'restart = "{restart}"'] if restart else []
+        path = tmp_path / "host.toml"
+        path.write_text("\n".join(table))
+        model = FloeBmi()
+        model.initialize(str(path))
+        return model
+
+    return started
+
+
+def test_with_walls_wind_and_rotation_of_the_earth_the_floes_books_still_close(ocean, floes):
+    ocean, ice = ocean(), floes()
+    ledger = couple(ocean, ice, every=600.0, until=7200.0)
+    assert max(line.relative for line in ledger) < 1e-12
+    assert all(line.other is not None for line in ledger)
+    assert np.abs([line.other for line in ledger]).min() > 0
+    unfilled = Coupling(ocean, ice, 600.0).unmatched
+    assert all("air" in name for name in unfilled)
+    assert len(unfilled) == 2
+
+
+def test_cells_told_as_faces_give_the_same_ocean(ocean, floes):
+    one, other = ocean(), ocean()
+    couple(one, floes(), every=600.0, until=1800.0)
+    couple(other, floes(cells="faces"), every=600.0, until=1800.0)
+    for name in SURFACE:
+        np.testing.assert_allclose(
+            other.get_value_ptr(name), one.get_value_ptr(name), rtol=1e-9, atol=1e-12
+        )
+
+
+def test_floes_saved_at_a_fault_go_on_to_the_same_result(ocean, floes, tmp_path):
+    def die(t):
+        raise RuntimeError("node lost")
+
+    straight, ice = ocean(), floes()
+    couple(straight, ice, every=600.0, until=2400.0)
+    model = ocean()
+    with pytest.raises(
+        CouplingError, match="exchange 3, 1200 … 1800 s: node lost; floes at 1800 s, their"
+    ):
+        couple(
+            failing(model, 3, die), floes(), every=600.0, until=2400.0, rescue=tmp_path / "saved.nc"
+        )
+    resumed = floes(restart="saved.nc")
+    couple(model, resumed, every=600.0, until=2400.0)
+    for name in SURFACE:
+        np.testing.assert_allclose(
+            model.get_value_ptr(name), straight.get_value_ptr(name), rtol=1e-12, atol=1e-14
+        )
+    for name in ICE_MOMENTUM:
+        np.testing.assert_allclose(resumed.get_value_ptr(name), ice.get_value_ptr(name), rtol=1e-10)
+
+
+def test_the_example_keeps_momentum_and_its_negative_control_does_not(tmp_path, capsys):
+    path = Path(__file__).parents[1] / "examples" / "two_slab_ocean.py"
+    spec = importlib.util.spec_from_file_location("two_slab_ocean", path)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    right, wrong = example.main(tmp_path / "new", every=1800.0, hours=1.5).values()
+    assert right < 1e-12
+    assert wrong > 0.3
+    assert (tmp_path / "new" / "two-slab-ocean.png").stat().st_size > 10_000
+    assert "ocean + ice off by" in capsys.readouterr().out
+
+
 # ---- another process --------------------------------------------------------------------------
 
 
@@ -693,21 +793,25 @@ def test_a_host_in_another_process_gives_the_same_bits_and_may_die(ocean, tmp_pa
             values = there.get_value(name, np.empty(60))
             np.testing.assert_array_equal(values, here.get_value_ptr(name))
         assert ledger[-1].relative < 1e-12
+        coupling = Coupling(there, remote_ice, 600.0)
         server.kill()
         server.wait(10)
-        time.sleep(0.1)
         with pytest.raises(CouplingError, match="floes at 3000 s") as caught:
-            Coupling.exchange(_resumed(there, remote_ice), 3600.0)
+            coupling.exchange(3600.0)
         assert "\n" not in str(caught.value)
 
 
-def _resumed(host, ice):
-    """A coupling whose host has died since it was made."""
-    alive = Coupling.__new__(Coupling)
-    alive.every, alive.rescue, alive.offset, alive.ledger = 600.0, None, 0.0, []
-    from coupling.driver import _Side
-
-    alive.floes = _Side("floes", ice, {}, {})
-    alive.host = _Side.__new__(_Side)
-    alive.host.name, alive.host.model, alive.host._second = "host", host, 1.0
-    return alive
+@pytest.mark.skipif(importlib.util.find_spec("grpc4bmi") is None, reason="needs grpc4bmi")
+def test_floes_in_another_process_give_the_same_bits(ocean, floes, tmp_path):
+    here, ice = ocean(), floes(cells="faces")
+    couple(here, ice, every=600.0, until=1800.0)
+    with served("floebmi.FloeBmi") as (there, _):
+        there.initialize(str(tmp_path / "host.toml"))
+        remote = ocean()
+        ledger = couple(remote, there, every=600.0, until=1800.0)
+        assert ledger[-1].relative < 1e-12
+        for name in SURFACE:
+            np.testing.assert_array_equal(remote.get_value_ptr(name), here.get_value_ptr(name))
+        with pytest.raises(CouplingError, match=r"nan in cell 3 .* at 1800 s; floes at 1800 s"):
+            remote.get_value_ptr(SURFACE[0])[3] = np.nan
+            couple(remote, there, every=600.0, until=2400.0)

@@ -22,7 +22,7 @@ from floebmi.output import (
     open_file,
     save_restart,
 )
-from floebmi.variables import VARIABLES
+from floebmi.variables import FLOE_VARIABLES, VARIABLES
 
 POLAR = "EPSG:3413"
 
@@ -258,6 +258,17 @@ def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
     force = floes.contact_force.values[0]
     stiffness = 2e7 * floes.thickness.values[5]
     assert force[5] == force[6] == pytest.approx(stiffness * 1.0, rel=1e-9)  # they overlap by 1 m
+
+
+def test_types_are_those_of_the_table_also_where_nothing_touches_at_first(tmp_path):
+    model = small_model()
+    model.floes.x[6] += 100.0
+    _, trajectories, _ = small_run(tmp_path, model, frames=2)
+    raw = open_strictly(trajectories, mask_and_scale=False)
+    assert (raw.contact_count.values[0, :16] == 0).all()
+    for row in FLOE_VARIABLES:
+        if row.name in raw:
+            assert raw[row.name].dtype == row.dtype, row.name
 
 
 def test_a_constant_property_that_changes_is_refused(tmp_path):

@@ -27,9 +27,7 @@ def test_examples_in_the_docstrings_are_true():
 def test_east_turns_with_longitude_in_the_polar_stereographic_plane():
     lon = np.array([-45.0, 0.0, 45.0, 135.0, 170.0, -170.0])
     turn = east_in_plane(NORTH, lon, np.full(6, 75.0))
-    np.testing.assert_allclose(
-        np.exp(1j * turn), np.exp(1j * np.radians(lon + 45)), atol=1e-8
-    )
+    np.testing.assert_allclose(np.exp(1j * turn), np.exp(1j * np.radians(lon + 45)), atol=1e-8)
 
 
 def test_east_exists_at_the_pole_along_the_meridian_that_is_named():
@@ -73,9 +71,12 @@ def test_the_centred_plane_keeps_areas():
     true = abs(pyproj.Geod(ellps="WGS84").polygon_area_perimeter(lon, lat)[0])
     assert area == pytest.approx(true, rel=1e-3)  # chords instead of parallels
     polar = to_plane(NORTH, lon, lat)
-    assert abs(np.sum(polar[0] * np.roll(polar[1], -1) - polar[1] * np.roll(polar[0], -1))) / 2 / (
-        true
-    ) < 0.97  # the negative control: a standard polar plane does not
+    assert (
+        abs(np.sum(polar[0] * np.roll(polar[1], -1) - polar[1] * np.roll(polar[0], -1)))
+        / 2
+        / (true)
+        < 0.97
+    )  # the negative control: a standard polar plane does not
 
 
 def test_a_box_across_the_date_line_is_centred_on_it():

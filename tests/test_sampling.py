@@ -157,11 +157,12 @@ def test_the_centre_of_a_rectilinear_grid_is_bilinear_interpolation():
 
 def test_the_centre_in_the_outermost_half_cell_reads_the_outermost_cell():
     grid = Grid.uniform((0, 4), (0, 2), spacing=1)
-    weights = floe_weights(grid, [0.2, 0.0, 3.9], [0.1, 0.0, 1.9], 0.1, "centre")
+    weights = floe_weights(grid, [0.2, 0.0, 4.0], [0.1, 0.0, 2.0], 0.1, "centre")
     assert gather(weights, grid.x) == pytest.approx([0.5, 0.5, 3.5])
-    seam = floe_weights(grid, [0.0], [0.5], 0.1, "centre", period=(4, None))
-    assert sorted(seam.cell) == [0, 3]
-    assert seam.weight == pytest.approx([0.5, 0.5])
+    for x in (0.0, 4.0, -1e-17, 8.0):  # on the seam, or there by round-off
+        seam = floe_weights(grid, [x], [0.5], 0.1, "centre", period=(4, None))
+        assert sorted(seam.cell) == [0, 3]
+        assert seam.weight == pytest.approx([0.5, 0.5])
 
 
 def test_the_centre_on_other_grids_is_the_wet_cell_that_holds_it():

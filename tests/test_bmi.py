@@ -1,0 +1,445 @@
+"""FloeBmi: what the conformance test cannot see, and what the how-to promises."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from floebmi import FloeBmi, Grid, InputError, StabilityError, bmi, running
+from floebmi.scene import read_scene
+
+ROOT = Path(__file__).parents[1]
+OCEAN = tuple(f"sea_surface_water_flowing__{a}_component_of_velocity" for a in "xy")
+WIND = tuple(f"sea_surface_air_flowing__{a}_component_of_velocity" for a in "xy")
+DRIFT = "sea_ice_flowing__x_component_of_velocity"
+STRESS = "sea_ice_bottom_water_flowing__x_z_component_of_stress"
+IMPULSE = "sea_ice_bottom_water_flowing__time_integral_of_x_z_component_of_stress"
+MOMENTUM = "sea_ice_flowing__domain_integral_of_x_component_of_momentum"
+
+SCENE = """
+[domain]
+x = [0.0, 8000.0]
+y = [0.0, 6000.0]
+
+[grid]
+shape = [3, 4]
+
+[[floes]]
+arrangement = "regular"
+radius = 400.0
+spacing = 1500.0
+velocity = [0.1, 0.0]
+
+[contact]
+model = "frictional"
+
+[ocean]
+velocity = [0.1, 0.05]
+
+[atmosphere]
+velocity = [8.0, -4.0]
+
+[time]
+exchange = 60.0
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE)
+    return file
+
+
+def started(file: Path) -> FloeBmi:
+    component = FloeBmi()
+    component.initialize(str(file))
+    return component
+
+
+def value(component: FloeBmi, name: str) -> np.ndarray:
+    return component.get_value_ptr(name).copy()
+
+
+def everything(component: FloeBmi) -> dict[str, np.ndarray]:
+    names = component.get_input_var_names() + component.get_output_var_names()
+    return {name: value(component, name) for name in names}
+
+
+def same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> bool:
+    return set(one) == set(other) and all(np.array_equal(one[name], other[name]) for name in one)
+
+
+# ---- the scene drives until the host does ------------------------------------------------------
+
+
+def test_without_a_host_it_does_what_a_run_does(scene: Path) -> None:
+    component = started(scene)
+    for _ in range(3):
+        component.update()
+    built = read_scene(scene).build()
+    running.run(
+        built.model,
+        180.0,
+        ocean=built.ocean,
+        atmosphere=built.atmosphere,
+        exchange=60.0,
+        every=60.0,
+    )
+    assert np.array_equal(component.model.floes.x, built.model.floes.x)
+    assert np.array_equal(component.model.floes.u, built.model.floes.u)
+
+
+class Rising:
+    """A source that shows when it was asked."""
+
+    def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
+        u[:], v[:] = t, -t
+
+
+def test_a_source_of_the_scene_fills_each_exchange_with_its_middle(scene: Path) -> None:
+    component = started(scene)
+    component._running.sources["ocean"] = Rising()
+    component._running.filled.clear()
+    component.update()
+    assert (value(component, OCEAN[0]) == 30.0).all()
+    component.update_until(180.0)
+    assert (value(component, OCEAN[1]) == -150.0).all()
+
+
+@pytest.mark.parametrize("through", ["set_value", "set_value_at_indices", "pointer"])
+def test_what_the_host_writes_stays_and_ends_the_scenes_source(scene: Path, through: str) -> None:
+    component = started(scene)
+    component.update()
+    if through == "set_value":
+        component.set_value(OCEAN[0], np.full(12, 0.7))
+    elif through == "set_value_at_indices":
+        component.set_value_at_indices(OCEAN[0], np.arange(12), np.full(12, 0.7))
+    else:
+        component.get_value_ptr(OCEAN[0])[:] = 0.7
+    for _ in range(2):
+        component.update()
+    assert (value(component, OCEAN[0]) == 0.7).all()
+    assert set(component._running.sources) == {"atmosphere"}
+
+
+def test_who_drives_is_part_of_the_state(scene: Path, tmp_path: Path) -> None:
+    component = started(scene)
+    component.set_value(OCEAN[0], np.full(12, 0.7))
+    component.update()
+    component.save_state(tmp_path / "state.nc")
+    other = started(scene)
+    other.load_state(tmp_path / "state.nc")
+    component.update()
+    other.update()
+    assert same(everything(component), everything(other))
+    assert (value(other, OCEAN[0]) == 0.7).all()
+
+
+def test_what_nobody_sets_is_still_water_and_no_wind(scene: Path) -> None:
+    scene.write_text(re.sub(r"velocity = .*\]\n", "", SCENE))
+    component = started(scene)
+    component.update()
+    for name in (*OCEAN, *WIND, STRESS, DRIFT):
+        assert (value(component, name) == 0.0).all(), name
+
+
+# ---- configuration ------------------------------------------------------------------------------
+
+
+def test_a_bmi_table_changes_the_scene_and_how_it_is_seen(scene: Path, tmp_path: Path) -> None:
+    file = tmp_path / "bmi.toml"
+    file.write_text(
+        '[bmi]\nscene = "scene.toml"\nset = ["time.exchange=30"]\ncells = "faces"\nfloe_capacity = 40\n'
+    )
+    component = started(file)
+    assert component.get_time_step() == 30.0
+    assert component.get_grid_type(0) == "unstructured"
+    assert component.get_var_location(STRESS) == "face"
+    n, x = len(component.model.floes), "sea_ice_floe_center__x_coordinate"
+    assert component.get_var_nbytes(x) == 40 * 8
+    component.update()
+    assert np.array_equal(value(component, x)[:n], component.model.floes.x)
+    assert (value(component, x)[n:] == 0.0).all()
+    assert component.get_var_type("sea_ice_floe__active_flag") == "int32"
+    assert value(component, "sea_ice_floe__active_flag").sum() == component.model.floes.active.sum()
+
+
+def test_the_restart_key_goes_on_with_the_same_bits(scene: Path, tmp_path: Path) -> None:
+    component = started(scene)
+    component.update_until(90.0)
+    component.save_state(tmp_path / "state.nc")
+    file = tmp_path / "bmi.yaml"
+    file.write_text("bmi:\n  scene: scene.toml\n  restart: state.nc\n")
+    other = started(file)
+    assert other.get_current_time() == 90.0 and other.get_start_time() == 0.0
+    assert same(everything(component), everything(other))
+    component.update()
+    other.update()
+    assert same(everything(component), everything(other))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[bmi]\nscene = "nowhere.toml"\n', ["nowhere.toml"]),
+        ('[bmi]\nscene = "scene.toml"\ncells = "corners"\n', ["bmi", "cells", "corners", "faces"]),
+        ('[bmi]\nscene = "scene.toml"\nfloe_capacity = 2\n', ["floe_capacity", "2"]),
+        ('[bmi]\nscene = "scene.toml"\nrestart = "none.nc"\n', ["none.nc"]),
+        ('[bmi]\nscene = "scene.toml"\nset = ["grid.kind=hexagonal"]\n', ["kind", "hexagonal"]),
+        (SCENE.replace("exchange = 60.0", ""), ["[time] exchange"]),
+        (SCENE.replace("shape = [3, 4]", 'kind = "structured"\nshape = [3, 4]'), ["structured"]),
+    ],
+)
+def test_a_wrong_configuration_is_one_line_and_leaves_the_component_free(
+    scene: Path, tmp_path: Path, text: str, words: list[str]
+) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(text)
+    component = FloeBmi()
+    with pytest.raises(InputError) as error:
+        component.initialize(str(file))
+    assert "\n" not in str(error.value)
+    assert all(word in str(error.value) for word in words), str(error.value)
+    component.initialize(str(scene))
+
+
+@pytest.mark.parametrize("config", ["", "no-such-scene", "none.toml"])
+def test_a_missing_configuration_is_one_line(config: str) -> None:
+    with pytest.raises(InputError) as error:
+        FloeBmi().initialize(config)
+    assert "\n" not in str(error.value)
+
+
+def test_initialize_twice_is_refused_and_changes_nothing(scene: Path) -> None:
+    component = started(scene)
+    component.update()
+    with pytest.raises(InputError, match="finalize"):
+        component.initialize(str(scene))
+    assert component.get_current_time() == 60.0
+
+
+def test_the_end_is_the_scenes_duration_or_the_largest_float(scene: Path) -> None:
+    assert started(scene).get_end_time() == sys.float_info.max
+    scene.write_text(SCENE + "duration = 600.0\n")
+    assert started(scene).get_end_time() == 600.0
+
+
+# ---- faults -------------------------------------------------------------------------------------
+
+
+def test_an_update_that_fails_leaves_everything_as_it_was(scene: Path) -> None:
+    component, other = started(scene), started(scene)
+    for one in (component, other):
+        one.update()
+    component.model.floes.u[0] = other.model.floes.u[0] = 0.12
+    before, state = everything(component), deepcopy(component.model.state())
+    component._running.model.advance = failing_after(component.model.advance)
+    with pytest.raises(StabilityError):
+        component.update_until(400.0)
+    del component._running.model.advance
+    assert component.get_current_time() == 60.0
+    assert same(before, everything(component))
+    after = component.model.state()
+    for name, old in state.items():
+        assert np.array_equal(old, after[name]), name
+    component.update()
+    other.update()
+    assert same(everything(component), everything(other))
+
+
+def failing_after(advance):
+    """An advance that moves everything, and then gives up."""
+
+    def fail(duration: float) -> None:
+        advance(duration)
+        raise StabilityError("floe 3: no longer finite")
+
+    return fail
+
+
+def test_NaN_through_a_pointer_is_refused_by_the_update(scene: Path) -> None:
+    component = started(scene)
+    component.update()
+    component.get_value_ptr(WIND[0])[5] = np.nan
+    with pytest.raises(InputError, match=r"atmosphere\.u.*5"):
+        component.update()
+    assert component.get_current_time() == 60.0
+    component.get_value_ptr(WIND[0])[5] = 3.0
+    component.update()
+
+
+def test_NaN_on_dry_cells_is_accepted_and_does_not_spread(tmp_path: Path) -> None:
+    ring = "[[[5000, -1000], [9000, -1000], [9000, 9000], [5000, 9000], [5000, -1000]]]"
+    (tmp_path / "land.geojson").write_text(f'{{"type": "Polygon", "coordinates": {ring}}}')
+    floes = SCENE.replace('arrangement = "regular"', 'arrangement = "regular"\nx = [0.0, 4000.0]')
+    coast = '\n[coast]\ngeojson = "land.geojson"\nradius = 300.0\n'
+    (tmp_path / "scene.toml").write_text(floes + coast)
+    component = started(tmp_path / "scene.toml")
+    wet = component.model.grid.wet
+    assert wet.any() and not wet.all()
+    current = np.where(wet, 0.2, np.nan)
+    component.set_value(OCEAN[0], current)
+    component.update()
+    for name in component.get_output_var_names():
+        assert np.isfinite(value(component, name)).all(), name
+    current[np.flatnonzero(wet)[1]] = np.nan
+    with pytest.raises(InputError, match=f"{OCEAN[0]}.* {np.flatnonzero(wet)[1]}"):
+        component.set_value(OCEAN[0], current)
+
+
+def test_inflow_beyond_the_capacity_fails_and_leaves_everything_as_it_was(tmp_path: Path) -> None:
+    inflow = """
+[[inflow]]
+edge = "west"
+thickness = 1.0
+velocity = [5.0, 0.0]
+sizes = {distribution = "single", radius = 400.0}
+"""
+    (tmp_path / "scene.toml").write_text(SCENE + inflow)
+    probe = started(tmp_path / "scene.toml")
+    n = len(probe.model.floes)
+    (tmp_path / "bmi.toml").write_text(f'[bmi]\nscene = "scene.toml"\nfloe_capacity = {n}\n')
+    component = started(tmp_path / "bmi.toml")
+    before = everything(component)
+    with pytest.raises(InputError, match=f"floe_capacity = {n}"):
+        component.update_until(3600.0)
+    assert len(component.model.floes) == n and same(before, everything(component))
+
+
+# ---- grids --------------------------------------------------------------------------------------
+
+
+def shared_edges(layout: bmi.Layout) -> np.ndarray:
+    return np.bincount(layout.face_edges, minlength=layout.edge_nodes.size // 2)
+
+
+def test_polygons_of_all_corners_are_faces_without_padding() -> None:
+    grid = Grid.unstructured(
+        [0, 2, 4, 4, 2, 0, 6], [0, 0, 0, 2, 3, 2, 1], [[0, 1, 4, 5], [1, 2, 3, 4], [2, 6, 3]]
+    )
+    layout = bmi.layout_of(grid, faces=False)
+    assert layout.type == "unstructured" and layout.location == "face"
+    assert layout.nodes_per_face.tolist() == [4, 4, 3]
+    assert layout.face_nodes.tolist() == [0, 1, 4, 5, 1, 2, 3, 4, 2, 6, 3]
+    ends = layout.edge_nodes.reshape(-1, 2)[layout.face_edges]
+    assert [set(e) for e in ends.tolist()] == [
+        {0, 1}, {1, 4}, {4, 5}, {5, 0}, {1, 2}, {2, 3}, {3, 4}, {4, 1}, {2, 6}, {6, 3}, {3, 2}
+    ]  # fmt: skip
+    assert sorted(shared_edges(layout).tolist()) == [1] * 7 + [2] * 2
+    assert (
+        layout.size - layout.edge_nodes.size // 2 + layout.values == 1
+    )  # Euler, without the outside
+
+
+def test_curvilinear_cells_are_faces() -> None:
+    x, y = np.meshgrid(np.linspace(0, 5, 6), np.linspace(0, 3, 4))
+    layout = bmi.layout_of(Grid.curvilinear(x + 0.2 * y, y), faces=False)
+    assert (layout.type, layout.values, layout.size) == ("unstructured", 15, 24)
+    assert layout.size - layout.edge_nodes.size // 2 + layout.values == 1
+
+
+# ---- the books ----------------------------------------------------------------------------------
+
+
+def test_the_residuals_are_round_off(scene: Path) -> None:
+    component = started(scene)
+    for _ in range(5):
+        component.update()
+    for a in "xy":
+        residual = value(component, f"sea_ice_flowing__{a}_component_of_momentum_balance_residual")
+        assert abs(residual[0]) <= 1e-12 * component.model.ledger.turnover[1:3].max()
+
+
+# ---- over gRPC ----------------------------------------------------------------------------------
+
+
+def test_in_another_process_it_gives_the_same_bits(
+    scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("grpc4bmi")
+    # the server is a program beside the interpreter, and imports floebmi from here
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT), prepend=os.pathsep)
+    from grpc4bmi.bmi_client_subproc import BmiClientSubProcess
+
+    remote = BmiClientSubProcess("floebmi.bmi.FloeBmi", timeout=60)
+    try:
+        remote.initialize(str(scene))
+        local = started(scene)
+        names = local.get_input_var_names() + local.get_output_var_names()
+        assert (*remote.get_input_var_names(), *remote.get_output_var_names()) == names
+        current = np.random.default_rng(0).uniform(-0.3, 0.3, 12)
+        for component in (remote, local):
+            component.set_value(OCEAN[0], current)
+            component.update()
+            component.update_until(200.0)
+        assert remote.get_current_time() == 200.0
+        for name in names:
+            size = local.get_value_ptr(name).size
+            there = remote.get_value(name, np.empty(size, local.get_var_type(name)))
+            assert np.array_equal(there, local.get_value_ptr(name)), name
+        with pytest.raises(Exception, match="wet cell: must be finite"):
+            remote.set_value(OCEAN[0], np.full(12, np.nan))
+        remote.finalize()
+    finally:
+        del remote
+
+
+# ---- how-to and metadata ------------------------------------------------------------------------
+
+
+def blocks(language: str) -> list[str]:
+    text = (ROOT / "docs/couple.md").read_text(encoding="utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def test_the_host_loop_of_the_how_to_runs_and_conserves_momentum(tmp_path: Path) -> None:
+    (tmp_path / "floes.toml").write_text(blocks("toml")[0])
+    (loop,) = blocks("python")
+    assert len(loop.splitlines()) <= 35
+    done = subprocess.run(
+        [sys.executable, "-c", loop], cwd=tmp_path, capture_output=True, text=True, timeout=120,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    lost = [float(line.split()[-1]) for line in lines]
+    speed = [float(line.split()[3]) for line in lines]
+    assert len(lines) == 36 and max(lost) < 1e-12
+    assert speed[-1] < speed[0] < 0.3  # the ice took some
+
+
+def test_the_table_of_the_how_to_is_the_table() -> None:
+    assert bmi.table() in (ROOT / "docs/couple.md").read_text(encoding="utf-8")
+
+
+def test_the_bmi_table_of_the_how_to_is_valid() -> None:
+    from floebmi.hosting import BmiFile
+    from floebmi.tables import validate
+
+    assert validate(BmiFile, tomllib.loads(blocks("toml")[1]), "couple.md").bmi.cells == "faces"
+
+
+def test_the_metadata_make_a_scene_that_starts(tmp_path: Path) -> None:
+    folder = Path(bmi.__file__).parent / FloeBmi.METADATA
+    api, run, parameters = (
+        yaml.safe_load((folder / f"{name}.yaml").read_text())
+        for name in ("api", "run", "parameters")
+    )
+    assert (api["package"], api["class"]) == ("floebmi", "FloeBmi")
+    text = (folder / run["config_file"]).read_text()
+    assert set(re.findall(r"{{ (\w+) }}", text)) == set(parameters)
+    for name, parameter in parameters.items():
+        text = text.replace(f"{{{{ {name} }}}}", str(parameter["value"]["default"]))
+    (tmp_path / "scene.toml").write_text(text)
+    component = started(tmp_path / "scene.toml")
+    component.update()
+    assert component.get_current_time() == parameters["exchange"]["value"]["default"]

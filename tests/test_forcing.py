@@ -1,0 +1,739 @@
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from floebmi.errors import InputError
+from floebmi.forcing import Constant, Function, VelocityFile
+from floebmi.grid import Grid
+from floebmi.projection import to_lonlat, to_plane
+
+POLAR = "+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +datum=WGS84"
+REAL = Path(__file__).parents[2] / "shared" / "data"
+M_PER_S = {"units": "m s-1"}
+EAST = M_PER_S | {"standard_name": "eastward_sea_water_velocity"}
+NORTH = M_PER_S | {"standard_name": "northward_sea_water_velocity"}
+ALONG_X = M_PER_S | {"standard_name": "sea_water_x_velocity"}
+ALONG_Y = M_PER_S | {"standard_name": "sea_water_y_velocity"}
+
+
+def velocity(source, grid, t=0.0):
+    u, v = np.full(grid.size, np.nan), np.full(grid.size, np.nan)
+    source.fill(t, u, v)
+    return u, v
+
+
+def around(lon, lat, plane=POLAR, half=50e3, n=4):
+    """A grid of n × n cells around a place."""
+    x, y = (float(a) for a in to_plane(plane, lon, lat))
+    return Grid.uniform((x - half, x + half), (y - half, y + half), shape=(n, n))
+
+
+def square(side=10.0, n=5):
+    return Grid.uniform((0, side), (0, side), shape=(n, n))
+
+
+def on_axes(u, v, x, y, u_attrs=ALONG_X, v_attrs=ALONG_Y, dims=("y", "x"), **more):
+    """A data set on metres x, y (or longitude and latitude, by the dims), with optional leading time."""
+    units = {"lon": "degrees_east", "lat": "degrees_north"}
+    lead = ("time",) if np.ndim(u) == 3 else ()
+    data = xr.Dataset(
+        {"uo": (lead + dims, u, u_attrs), "vo": (lead + dims, v, v_attrs), **more},
+        coords={
+            dims[0]: (dims[0], y, {"units": units.get(dims[0], "m")}),
+            dims[1]: (dims[1], x, {"units": units.get(dims[1], "m")}),
+        },
+    )
+    return data
+
+
+def metres(u, v, n=11, **more):
+    """A data set on x, y = 0, 1 … n-1 m with fields from functions of x, y (or constants)."""
+    x = np.arange(float(n))
+    y2, x2 = np.meshgrid(x, x, indexing="ij")
+    u, v = (f(x2, y2) if callable(f) else np.full((n, n), float(f)) for f in (u, v))
+    return on_axes(u, v, x, x, **more)
+
+
+def saved(data, tmp_path, name="currents.nc"):
+    data.to_netcdf(tmp_path / name)
+    return tmp_path / name
+
+
+def in_time(data, times):
+    """The same field at each time, multiplied by 1, 2, 3 …"""
+    data = xr.concat([data[["uo", "vo"]] * (k + 1.0) for k in range(len(times))], dim="time")
+    data.uo.attrs, data.vo.attrs = ALONG_X, ALONG_Y
+    return data.assign_coords(time=times)
+
+
+DAYS = np.array(["2016-02-01", "2016-02-02", "2016-02-04"], "datetime64[ns]")
+
+
+# ------------------------------------------------------------------------------ constants and functions
+
+
+def test_a_constant_is_the_same_everywhere_and_always():
+    u, v = velocity(Constant(0.1, -0.2), square(), 1e9)
+    assert (u == 0.1).all() and (v == -0.2).all()
+    assert Constant().span is None and "0.1" in repr(Constant(0.1))
+    with pytest.raises(InputError, match="finite"):
+        Constant(np.nan)
+
+
+def test_functions_get_the_cells_centres_and_the_time():
+    grid = square()
+    source = Function(lambda x, y, t: x + 10 * y + t, 3, grid)
+    u, v = velocity(source, grid, 5.0)
+    np.testing.assert_array_equal(u, grid.x + 10 * grid.y + 5)
+    assert (v == 3).all()
+
+
+@pytest.mark.parametrize(
+    "bad, word",
+    [
+        (lambda x, y, t: np.where(x > 4, np.nan, 0), "cell 2"),
+        (lambda x, y, t: x[:3], "shape"),
+        (np.inf, "finite"),
+    ],
+)
+def test_a_function_that_returns_nonsense_is_named_with_time_and_cell(bad, word):
+    grid = square()
+    with pytest.raises(InputError, match=word):
+        velocity(Function(0.0, bad, grid), grid, 7.0)
+
+
+# ------------------------------------------------------------------------------------------ directions
+
+
+@pytest.mark.parametrize("lon, lat", [(-45, 85), (10, 80), (135, 75), (-170, 88)])
+def test_an_eastward_flow_has_the_analytic_direction_in_the_polar_stereographic_plane(
+    tmp_path, lon, lat
+):
+    lons, lats = np.arange(-180.0, 180.0), np.arange(60.0, 90.5)
+    one = np.ones((lats.size, lons.size))
+    path = saved(on_axes(0.3 * one, 0 * one, lons, lats, EAST, NORTH, ("lat", "lon")), tmp_path)
+    grid = around(lon, lat)
+    u, v = velocity(VelocityFile(path, grid, projection=POLAR), grid)
+    turn = np.radians(to_lonlat(POLAR, grid.x, grid.y)[0] + 45)
+    # Interpolation between directions one degree apart shortens a vector by 4e-5.
+    np.testing.assert_allclose(u + 1j * v, 0.3 * np.exp(1j * turn), atol=3e-5)
+
+
+def test_components_of_a_projected_file_are_turned_to_another_plane(tmp_path):
+    x = np.arange(-1000e3, 1001e3, 100e3)
+    other = POLAR.replace("-45", "10")
+    attrs = {"grid_mapping_name": "polar_stereographic", "proj4_string": other}
+    data = on_axes(
+        np.full((21, 21), 0.2), np.zeros((21, 21)), x, x,
+        ALONG_X | {"grid_mapping": "crs"}, ALONG_Y | {"grid_mapping": "crs"},
+        crs=((), 0, attrs),
+    )  # fmt: skip
+    path = saved(data, tmp_path)
+    grid = around(0, 85)
+    u, v = velocity(VelocityFile(path, grid, projection=POLAR), grid)
+    np.testing.assert_allclose(u + 1j * v, 0.2 * np.exp(1j * np.radians(55)), atol=1e-7)
+    own = VelocityFile(path, grid)
+    u, v = velocity(own, grid)
+    assert own.projection == other
+    np.testing.assert_allclose((u, v), (np.full(16, 0.2), np.zeros(16)))
+
+
+def test_components_along_x_on_longitude_and_latitude_are_east_and_north(tmp_path):
+    lon, lat = np.arange(0.0, 20), np.arange(70.0, 80)
+    one = np.ones((10, 20))
+    answers = []
+    for k, names in enumerate(((EAST, NORTH), (ALONG_X, ALONG_Y), (M_PER_S, M_PER_S))):
+        data = on_axes(0.1 * one, 0.2 * one, lon, lat, *names, ("lat", "lon"))
+        grid = around(10, 75)
+        path = saved(data, tmp_path, f"{k}.nc")
+        answers.append(velocity(VelocityFile(path, grid, projection=POLAR), grid))
+    np.testing.assert_array_equal(answers[0], answers[1])
+    np.testing.assert_array_equal(answers[0], answers[2])
+
+
+def test_components_of_unknown_orientation_are_refused_on_a_curvilinear_grid(tmp_path):
+    data = roms()[["u", "v", "lon_rho", "lat_rho"]]
+    a_grid = data.rename({"lon_rho": "lon", "lat_rho": "lat"})
+    for name in "uv":
+        a_grid[name] = (("eta_rho", "xi_rho"), np.full((20, 24), 0.1), M_PER_S)
+    path, grid = saved(a_grid, tmp_path), around(10, 75)
+    with pytest.raises(InputError, match="vectors = 'east-north' or 'grid'"):
+        VelocityFile(path, grid, projection=POLAR)
+    u, v = velocity(VelocityFile(path, grid, projection=POLAR, vectors="east-north"), grid)
+    east = np.radians(to_lonlat(POLAR, grid.x, grid.y)[0] + 45)
+    np.testing.assert_allclose(u + 1j * v, (0.1 + 0.1j) * np.exp(1j * east), atol=1e-4)
+    u, v = velocity(VelocityFile(path, grid, projection=POLAR, vectors="grid"), grid)
+    np.testing.assert_allclose(u + 1j * v, (0.1 + 0.1j) * np.exp(1j * ROMS_TURN), atol=1e-6)
+
+
+def test_a_point_series_is_the_same_everywhere_and_turned_to_the_plane_only_if_there_is_one(
+    tmp_path,
+):
+    data = xr.Dataset(
+        {
+            "uoce": ("time", [0.1, 0.3, 0.3], EAST), "voce": ("time", [0.0, 0.2, 0.2], NORTH),
+            "lon": ((), 45.0, {"units": "degrees_east"}),
+            "lat": ((), 80.0, {"units": "degrees_north"}),
+        },
+        {"time": DAYS},
+    )  # fmt: skip
+    path, grid = saved(data, tmp_path), square()
+    u, v = velocity(VelocityFile(path, grid), grid, 43200.0)
+    np.testing.assert_allclose((u, v), (np.full(25, 0.2), np.full(25, 0.1)))
+    u, v = velocity(VelocityFile(path, grid, projection=POLAR), grid, 43200.0)
+    np.testing.assert_allclose((u, v), (np.full(25, -0.1), np.full(25, 0.2)), atol=1e-8)
+
+
+# ------------------------------------------------------------------------------------------- staggered
+
+ROMS_TURN = 0.7  # of the grid's ξ axis from the plane's x axis
+
+
+def roms(ny=20, nx=24, same_size=False):
+    """A ROMS file: a C grid turned by 0.7 in the plane, around 10 E 75 N, with u = 0.1 + 0.01 ξ, v = -0.05."""
+    x0, y0 = (float(a) for a in to_plane(POLAR, 10, 75))
+    eta, xi = np.mgrid[0:ny, 0:nx].astype(float)
+    z = 10e3 * ((xi - nx / 2) + 1j * (eta - ny / 2)) * np.exp(1j * ROMS_TURN)
+    lon, lat = to_lonlat(POLAR, x0 + z.real, y0 + z.imag)
+    angle = ROMS_TURN - np.radians(lon + 45)
+    nu, nv = (nx, ny) if same_size else (nx - 1, ny - 1)
+    u = np.broadcast_to(0.1 + 0.01 * (np.arange(nu) + 0.5), (ny, nu)).copy()
+    v = np.full((nv, nx), -0.05)
+    zero = {"units": "degree_east"}, {"units": "degree_north"}
+    data = xr.Dataset(
+        {
+            "u": (("eta_u", "xi_u"), u, {"units": "meter second-1"}),
+            "v": (("eta_v", "xi_v"), v, {"units": "meter second-1"}),
+            "angle": (("eta_rho", "xi_rho"), angle, {"units": "radians"}),
+            "mask_rho": (("eta_rho", "xi_rho"), np.ones((ny, nx))),
+            "lon_rho": (("eta_rho", "xi_rho"), lon, {"units": "degree_east"}),
+            "lat_rho": (("eta_rho", "xi_rho"), lat, {"units": "degree_north"}),
+            "lon_u": (("eta_u", "xi_u"), np.zeros((ny, nu)), zero[0]),
+            "lat_u": (("eta_u", "xi_u"), np.zeros((ny, nu)), zero[1]),
+        }
+    )
+    return data
+
+
+def along_xi(grid):
+    """ξ of the cells, in spacings of the ROMS grid above."""
+    x0, y0 = to_plane(POLAR, 10, 75)
+    return ((grid.x - x0 + 1j * (grid.y - y0)) * np.exp(-1j * ROMS_TURN)).real / 10e3 + 12
+
+
+@pytest.mark.parametrize("same_size", [False, True])
+def test_a_roms_grid_is_brought_to_centres_and_turned_by_its_angle(tmp_path, same_size):
+    grid = around(10, 75)
+    source = VelocityFile(saved(roms(same_size=same_size), tmp_path), grid, projection=POLAR)
+    u, v = velocity(source, grid)
+    expected = (0.1 + 0.01 * along_xi(grid) - 0.05j) * np.exp(1j * ROMS_TURN)
+    np.testing.assert_allclose(u + 1j * v, expected, atol=1e-7)
+    assert "C grid" in repr(source) and "angle" in repr(source)
+
+
+def test_without_angle_the_direction_is_that_of_the_columns(tmp_path):
+    grid = around(10, 75)
+    path = saved(roms().drop_vars("angle"), tmp_path)
+    u, v = velocity(VelocityFile(path, grid, projection=POLAR), grid)
+    expected = (0.1 + 0.01 * along_xi(grid) - 0.05j) * np.exp(1j * ROMS_TURN)
+    np.testing.assert_allclose(u + 1j * v, expected, atol=1e-5)
+
+
+def test_an_angle_of_the_wrong_sign_is_warned_of(tmp_path):
+    data = roms()
+    data["angle"] = -data.angle
+    with pytest.warns(UserWarning, match="angle differs from the direction of its columns"):
+        VelocityFile(saved(data, tmp_path), around(10, 75), projection=POLAR)
+
+
+def test_closed_faces_beside_water_stop_the_flow_and_land_is_never_touched(tmp_path):
+    data = roms(same_size=True)
+    data.mask_rho[:, 16:] = 0.0
+    data.u[:] = np.where(np.arange(24) >= 15, 9.97e36, 0.2)  # faces 15 … are closed or on land
+    data.v[:] = np.where(np.arange(24) >= 16, 9.97e36, 0.0)
+    path = saved(data, tmp_path)
+    z0 = complex(*(float(a) for a in to_plane(POLAR, 10, 75)))
+
+    def speed_at(xi):
+        z = z0 + 10e3 * (xi - 12) * np.exp(1j * ROMS_TURN)
+        cell = Grid.uniform((z.real - 1, z.real + 1), (z.imag - 1, z.imag + 1), shape=(1, 1))
+        return abs(
+            complex(*(a[0] for a in velocity(VelocityFile(path, cell, projection=POLAR), cell)))
+        )
+
+    assert speed_at(14) == pytest.approx(0.2)
+    assert speed_at(15) == pytest.approx(0.1)  # one of its two faces is the coast
+    assert speed_at(15.4) == pytest.approx(0.1)  # land has no weight
+    with pytest.raises(InputError, match="only land"):
+        speed_at(17)
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_an_mitgcm_grid_on_longitude_and_latitude_is_told_by_its_coordinates(tmp_path, before):
+    lon, lat = np.arange(0.0, 20), np.arange(70.0, 80)
+    shift = -0.5 if before else 0.5
+    lon_u, lat_v = lon + shift, lat + shift
+    data = xr.Dataset(
+        {
+            "uo": (("lat", "lon_u"), np.broadcast_to(0.01 * lon_u, (10, 20)), ALONG_X),
+            "vo": (("lat_v", "lon"), np.broadcast_to(0.01 * lat_v[:, None], (10, 20)), ALONG_Y),
+        },
+        {
+            "lon": ("lon", lon, {"units": "degrees_east"}),
+            "lat": ("lat", lat, {"units": "degrees_north"}),
+            "lon_u": ("lon_u", lon_u, {"units": "degrees_east"}),
+            "lat_v": ("lat_v", lat_v, {"units": "degrees_north"}),
+        },
+    )
+    grid = around(10, 75)
+    u, v = velocity(VelocityFile(saved(data, tmp_path), grid, projection=POLAR), grid)
+    lons, lats = to_lonlat(POLAR, grid.x, grid.y)
+    z = (u + 1j * v) * np.exp(-1j * np.radians(lons + 45))
+    np.testing.assert_allclose(z, 0.01 * (lons + 1j * lats), atol=2e-4)
+
+
+def test_nemo_files_of_u_and_v_get_their_centres_from_a_third_file_or_from_u(tmp_path):
+    data = roms(same_size=True)
+    x0, y0 = (float(a) for a in to_plane(POLAR, 10, 75))
+    eta, xi = np.mgrid[0:20, 0:24].astype(float)
+
+    def positions(dj, di):
+        z = 10e3 * ((xi + di - 12) + 1j * (eta + dj - 10)) * np.exp(1j * ROMS_TURN)
+        lon, lat = to_lonlat(POLAR, x0 + z.real, y0 + z.imag)
+        return {
+            "nav_lon": (("y", "x"), lon, {"units": "degrees_east"}),
+            "nav_lat": (("y", "x"), lat, {"units": "degrees_north"}),
+        }
+
+    u_file, v_file, t_file = (
+        saved(xr.Dataset(parts), tmp_path, name)
+        for name, parts in (
+            ("grid_U.nc", {"vozocrtx": (("y", "x"), data.u.values, M_PER_S), **positions(0, 0.5)}),
+            ("grid_V.nc", {"vomecrty": (("y", "x"), data.v.values, M_PER_S), **positions(0.5, 0)}),
+            ("grid_T.nc", positions(0, 0)),
+        )
+    )
+    grid = around(10, 75)
+    expected = (0.1 + 0.01 * along_xi(grid) - 0.05j) * np.exp(1j * ROMS_TURN)
+    for paths in ([u_file, v_file, t_file], [u_file, v_file]):
+        u, v = velocity(VelocityFile(paths, grid, projection=POLAR), grid)
+        np.testing.assert_allclose(u + 1j * v, expected, atol=1e-5)
+
+
+# ------------------------------------------------------------------------------------ place and land
+
+
+def test_interpolation_is_exact_for_a_bilinear_field_and_half_a_cell_beyond_it_is_constant():
+    data = metres(lambda x, y: 0.1 * x + 0.01 * x * y, lambda x, y: 0.2 * y)
+    grid = Grid.uniform((-0.4, 10.2), (-0.4, 10.2), shape=(9, 9))
+    u, v = velocity(VelocityFile(data, grid), grid)
+    x, y = np.clip(grid.x, 0, 10), np.clip(grid.y, 0, 10)
+    np.testing.assert_allclose(u, 0.1 * x + 0.01 * x * y, atol=1e-14)
+    np.testing.assert_allclose(v, 0.2 * y, atol=1e-14)
+
+
+def test_rows_from_north_to_south_and_columns_first_change_nothing():
+    data = metres(lambda x, y: 0.1 * x, lambda x, y: 0.2 * y)
+    grid = square(9.0)
+    expected = velocity(VelocityFile(data, grid), grid)
+    for other in (data.isel(y=slice(None, None, -1)), data.transpose("x", "y")):
+        np.testing.assert_allclose(velocity(VelocityFile(other, grid), grid), expected, atol=1e-15)
+
+
+def test_longitudes_wrap_around_the_globe_whatever_range_they_are_given_in():
+    lat = np.arange(60.0, 89.5)
+    answers = []
+    for lon in (np.arange(0.0, 360), np.arange(-180.0, 180), np.arange(180.0, -180, -1)):
+        u = np.broadcast_to(np.cos(np.radians(lon)), (30, 360))
+        data = on_axes(u, 0 * u, lon, lat, EAST, NORTH, ("lat", "lon"))
+        for place in ((0.3, 75), (-179.9, 75), (0, 90)):
+            grid = around(*place)
+            answers.append(np.array(velocity(VelocityFile(data, grid, projection=POLAR), grid)))
+    for k in range(3):
+        np.testing.assert_allclose(answers[k], answers[k + 3], atol=1e-13)
+        np.testing.assert_allclose(answers[k], answers[k + 6], atol=1e-13)
+
+
+def test_land_that_is_nan_or_masked_has_no_weight():
+    hole = metres(0.3, lambda x, y: np.where(x > 5, np.nan, 0.1))
+    masked = metres(
+        lambda x, y: np.where(x > 5, 0.0, 0.3), lambda x, y: np.where(x > 5, 0.0, 0.1),
+        mask=(("y", "x"), np.broadcast_to(np.arange(11) <= 5, (11, 11)).astype(int)),
+    )  # fmt: skip
+    grid = Grid.uniform((0, 5.8), (0, 8), shape=(4, 29))
+    for data in (hole, masked):
+        u, v = velocity(VelocityFile(data, grid), grid)
+        np.testing.assert_allclose((u, v), (np.full(116, 0.3), np.full(116, 0.1)))
+    u, _ = velocity(VelocityFile(masked, grid, mask="none"), grid)
+    assert u.min() < 0.29  # the negative control: zeros on land taken for water
+
+
+def test_a_mask_whose_flags_say_that_one_is_land_is_believed():
+    land = np.broadcast_to(np.arange(11) > 5, (11, 11)).astype(int)
+    flags = {"flag_values": [0, 1], "flag_meanings": "sea land"}
+    data = metres(0.3, 0.1, mask=(("y", "x"), land, flags))
+    with pytest.raises(InputError, match="only land"):
+        VelocityFile(data, Grid.uniform((7, 9), (0, 8), shape=(4, 4)))
+    VelocityFile(data, Grid.uniform((1, 4), (0, 8), shape=(4, 4)))
+
+
+def test_a_wet_cell_on_the_files_land_is_an_error_unless_told_what_it_gets():
+    data = metres(lambda x, y: np.where(x > 5, np.nan, 0.1 * x), 0.1)
+    grid = square(10.0)
+    with pytest.raises(InputError, match="10 of 25 wet cells have only land.*fill_land"):
+        VelocityFile(data, grid)
+    source = VelocityFile(data, grid, fill_land="dry")
+    np.testing.assert_array_equal(source.covered, grid.x < 6)
+    u, _ = velocity(source, grid)
+    assert (u[~source.covered] == 0).all()
+    near = VelocityFile(data, grid, fill_land="nearest")
+    assert near.covered.all() and "10 of them from water up to 0.0 km away" in repr(near)
+    np.testing.assert_allclose(velocity(near, grid)[0][grid.x > 6], 0.5)
+    dry = grid.with_wet(grid.x < 6)
+    np.testing.assert_array_equal(VelocityFile(data, dry).covered, dry.wet)
+
+
+def test_a_grid_beyond_the_file_is_an_error_that_names_what_it_covers(tmp_path):
+    lon, lat = np.arange(0.0, 20), np.arange(70.0, 80)
+    one = np.ones((10, 20))
+    path = saved(on_axes(one, one, lon, lat, EAST, NORTH, ("lat", "lon")), tmp_path)
+    with pytest.raises(InputError) as error:
+        VelocityFile(path, around(21, 75), projection=POLAR)
+    text = str(error.value)
+    assert "lon -0.5 … 19.5, lat 69.5 … 79.5" in text and "currents.nc" in text and "\n" not in text
+
+
+def test_longitudes_without_a_projection_are_an_error_that_proposes_one():
+    lon, lat = np.arange(0.0, 20), np.arange(70.0, 80)
+    one = np.ones((10, 20))
+    with pytest.raises(InputError, match=r"projection = '\+proj=laea \+lat_0=74.5 \+lon_0=9.5"):
+        VelocityFile(on_axes(one, one, lon, lat, EAST, NORTH, ("lat", "lon")), square())
+
+
+def twice_placed(shift):
+    """x, y [km] with a projection, and 2-D longitude and latitude shifted by `shift` metres."""
+    x = np.arange(-500e3, 501e3, 100e3)
+    x2, y2 = np.meshgrid(x, x)
+    lon, lat = to_lonlat(POLAR, x2 + shift, y2)
+    mapped = {"grid_mapping": "crs"}
+    data = on_axes(x2 / 1e6, 0 * x2, x / 1e3, x / 1e3, ALONG_X | mapped, ALONG_Y | mapped)
+    data["x"].attrs["units"] = data["y"].attrs["units"] = "km"
+    data["crs"] = ((), 0, {"grid_mapping_name": "polar_stereographic", "proj4": POLAR})
+    data["lon"] = (("y", "x"), lon, {"units": "degrees_east"})
+    data["lat"] = (("y", "x"), lat, {"units": "degrees_north"})
+    return data
+
+
+def test_positions_that_disagree_are_warned_of_and_the_user_chooses():
+    grid = Grid.uniform((-200e3, 200e3), (-200e3, 200e3), shape=(4, 4))
+    with pytest.warns(UserWarning, match=r"disagree by 4\d\.\d km \(0\.4 cells\)"):
+        mapped = velocity(VelocityFile(twice_placed(40e3), grid), grid)[0]
+    np.testing.assert_allclose(mapped, grid.x / 1e6, atol=1e-12)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        placed = velocity(VelocityFile(twice_placed(40e3), grid, position="lonlat"), grid)[0]
+        VelocityFile(twice_placed(10e3), grid)
+    np.testing.assert_allclose(placed, (grid.x - 40e3) / 1e6, atol=1e-8)
+
+
+# ------------------------------------------------------------------------------------- names and units
+
+
+@pytest.mark.parametrize(
+    "units, factor",
+    [("m s-1", 1), ("meter second-1", 1), ("m/s", 1), ("cm/s", 0.01), ("km h-1", 1 / 3.6)]
+    + [("knots", 1852 / 3600), ("m s**-1", 1), ("metres per second", 1)],
+)
+def test_units_are_converted(units, factor):
+    grid = square()
+    data = metres(2.0, 1.0, u_attrs={"units": units}, v_attrs={"units": units})
+    u, v = velocity(VelocityFile(data, grid), grid)
+    np.testing.assert_allclose((u[0], v[0]), (2 * factor, factor))
+
+
+@pytest.mark.parametrize("attrs", [{}, {"units": "m"}, {"units": "ms-1"}, {"units": "Pa"}])
+def test_units_that_are_no_velocity_are_refused_unless_told(attrs):
+    data = metres(2.0, 1.0, u_attrs=attrs, v_attrs=attrs)
+    with pytest.raises(InputError, match="data set: uo.*must be a velocity"):
+        VelocityFile(data, square())
+    u, _ = velocity(VelocityFile(data, square(), units="cm s-1"), square())
+    assert u[0] == pytest.approx(0.02)
+
+
+def test_standard_names_go_before_short_names_and_explicit_names_before_both():
+    data = metres(0.1, 0.0)
+    data["u10"], data["v10"] = (data[n] * 0 + 7 for n in ("uo", "vo"))
+    data["a"], data["b"] = (data[n] * 0 + 5 for n in ("uo", "vo"))
+    for name, standard in zip("uvab", ("", "", "eastward_wind", "northward_wind"), strict=True):
+        if standard:
+            data[name].attrs = M_PER_S | {"standard_name": standard}
+    data["u10"].attrs = data["v10"].attrs = M_PER_S
+    grid = square()
+    assert velocity(VelocityFile(data, grid, kind="wind", vectors="grid"), grid)[0][0] == 5
+    named = VelocityFile(data, grid, kind="wind", variables=("u10", "v10"))
+    assert velocity(named, grid)[0][0] == 7
+    assert velocity(VelocityFile(data, grid), grid)[0][0] == 0.1
+
+
+def test_two_that_fit_or_none_are_errors_that_list_the_candidates():
+    data = metres(0.1, 0.0)
+    data["u_2"], data["v_2"] = data.uo, data.vo
+    with pytest.raises(InputError, match="uo, u_2, vo, v_2 all have standard_name"):
+        VelocityFile(data, square())
+    with pytest.raises(InputError, match="no wind found.*uo .sea_water_x_velocity, m s-1."):
+        VelocityFile(data, square(), kind="wind")
+    with pytest.raises(InputError, match="did you mean 'u_2'"):
+        VelocityFile(data, square(), variables=("u_3", "v_2"))
+    plain = metres(0.1, 0.0, u_attrs=M_PER_S, v_attrs=M_PER_S)
+    plain["u"], plain["v"] = plain.uo, plain.vo
+    with pytest.raises(InputError, match="uo, vo or u, v could be"):
+        VelocityFile(plain, square())
+
+
+def test_the_level_nearest_to_the_depth_is_taken_and_other_dimensions_must_be_chosen():
+    data = metres(0.1, 0.0)
+    levels = xr.concat([data * k for k in (3.0, 2.0, 1.0)], dim="depth")
+    levels = levels.assign_coords(depth=("depth", [50.0, 10.0, 0.5], {"units": "m"}))
+    levels.uo.attrs, levels.vo.attrs = ALONG_X, ALONG_Y
+    grid = square()
+    assert velocity(VelocityFile(levels, grid), grid)[0][0] == pytest.approx(0.1)
+    assert velocity(VelocityFile(levels, grid, depth=12), grid)[0][0] == pytest.approx(0.2)
+    members = levels.drop_vars("depth").rename(depth="member")
+    with pytest.raises(InputError, match="member, .*choose with select"):
+        VelocityFile(members, grid)
+    third = VelocityFile(members, grid, select={"member": 0})
+    assert velocity(third, grid)[0][0] == pytest.approx(0.3)
+    with pytest.raises(InputError, match="it has 3 entries"):
+        VelocityFile(members, grid, select={"member": 3})
+
+
+@pytest.mark.parametrize(
+    "option, word",
+    [
+        ({"kind": "air"}, "ocean, wind"),
+        ({"vectors": "north"}, "east-north"),
+        ({"fill_land": "near"}, "did you mean 'nearest'"),
+        ({"beyond_span": "loop"}, "error, hold, repeat"),
+        ({"position": "xy"}, "lonlat"),
+        ({"stagger": "C"}, "after"),
+        ({"mask": "wett"}, "no such variable"),
+        ({"variables": "uo"}, "two names"),
+        ({"select": {"levle": 1}}, "levle"),
+        ({"projection": "EPSG:4326"}, "metres"),
+    ],
+)
+def test_an_option_that_is_not_allowed_is_refused_in_one_line(option, word):
+    with pytest.raises(InputError, match=word) as error:
+        VelocityFile(metres(0.1, 0.0), square(), **option)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_that_is_not_there_or_not_a_grid_is_an_error_in_one_line(tmp_path):
+    saved(metres(0.1, 0.0), tmp_path)
+    with pytest.raises(InputError, match="no such file; did you mean 'currents.nc'"):
+        VelocityFile(tmp_path / "curents.nc", square())
+    (tmp_path / "text.nc").write_text("not NetCDF")
+    with pytest.raises(InputError, match="cannot be read as NetCDF"):
+        VelocityFile(tmp_path / "text.nc", square())
+    mesh = xr.Dataset({n: ("node", np.zeros(9), M_PER_S) for n in ("uo", "vo")})
+    with pytest.raises(InputError, match="meshes and trajectories are not read"):
+        VelocityFile(mesh, square())
+
+
+# ------------------------------------------------------------------------------------------------ time
+
+
+def test_time_is_linear_between_records_whatever_the_order_of_calls(tmp_path):
+    path = saved(in_time(metres(0.1, -0.2), DAYS), tmp_path)
+    grid = square()
+    source = VelocityFile(path, grid)
+    assert source.span == (0.0, 3 * 86400.0)
+    for t in (0.0, 0.25, 2.0, 1.0, 3.0, 0.5):
+        factor = 1 + np.interp(t, [0, 1, 3], [0, 1, 2])
+        u, v = velocity(source, grid, t * 86400)
+        np.testing.assert_allclose((u, v), (np.full(25, 0.1 * factor), np.full(25, -0.2 * factor)))
+    assert len(source._records) <= 2
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["2016-02-02", "2016-02-02T00:00Z", np.datetime64("2016-02-02"), "2016-02-02T01:00+01:00"],
+)
+def test_the_start_shifts_the_clock(start):
+    source = VelocityFile(in_time(metres(0.1, 0.0), DAYS), square(), start=start)
+    assert source.span == (-86400.0, 2 * 86400.0)
+    assert velocity(source, square())[0][0] == pytest.approx(0.2)
+
+
+def test_a_time_outside_the_span_is_an_error_that_says_what_span_exists():
+    source = VelocityFile(in_time(metres(0.1, 0.0), DAYS), square(), start="2016-02-02")
+    with pytest.raises(InputError) as error:
+        velocity(source, square(), 2.5 * 86400)
+    text = str(error.value)
+    assert "t = 216000 s (2016-02-04T12:00)" in text
+    assert "2016-02-01 … 2016-02-04 (t = -86400 … 172800 s, 3 records)" in text
+    assert "\n" not in text
+
+
+def test_beyond_the_span_fields_hold_or_repeat_if_asked():
+    data = in_time(metres(0.1, 0.0), DAYS[:2])
+    hold = VelocityFile(data, square(), beyond_span="hold")
+    repeat = VelocityFile(data, square(), beyond_span="repeat")
+    assert hold.span is None and repeat.span is None
+    for t, held, repeated in (
+        (-1.0, 0.1, 0.2),
+        (5.25, 0.2, 0.175),
+        (1.5, 0.2, 0.15),
+        (2.0, 0.2, 0.1),
+    ):
+        assert velocity(hold, square(), t * 86400)[0][0] == pytest.approx(held)
+        assert velocity(repeat, square(), t * 86400)[0][0] == pytest.approx(repeated)
+
+
+def test_a_noleap_calendar_has_no_29_february(tmp_path):
+    data = in_time(metres(0.1, 0.0), [0.0, 1.0])
+    data["time"].attrs = {"units": "days since 2016-02-28", "calendar": "noleap"}
+    path, grid = saved(data, tmp_path), square()
+    source = VelocityFile(path, grid, start="2016-02-28T12:00")
+    assert source.span == (-43200.0, 43200.0)
+    assert velocity(source, grid)[0][0] == pytest.approx(0.15)
+    assert "2016-02-28 … 2016-03-01" in repr(source)
+    with pytest.raises(InputError, match="the file's calendar"):
+        VelocityFile(path, grid, start="2016-02-29")
+
+
+def test_times_may_be_durations_and_must_grow(tmp_path):
+    data = in_time(metres(0.1, 0.0), [0.0, 2.0])
+    data["time"].attrs = {"units": "hours"}
+    path = saved(data, tmp_path)
+    assert VelocityFile(path, square(), start=3600.0).span == (-3600.0, 3600.0)
+    with pytest.raises(InputError, match="a number of seconds"):
+        VelocityFile(path, square(), start="2016-01-01")
+    with pytest.raises(InputError, match=r"time\[2\] = 2016-02-02 does not come after"):
+        VelocityFile(in_time(metres(0.1, 0.0), DAYS[[0, 2, 1]]), square())
+    with pytest.raises(InputError, match="not a date"):
+        VelocityFile(in_time(metres(0.1, 0.0), DAYS), square(), start="soon")
+
+
+def test_a_hole_on_water_in_a_later_record_is_named_with_variable_index_and_date():
+    data = in_time(metres(0.1, 0.0), DAYS)
+    data.vo[2, 5, 3] = np.nan
+    grid = square()
+    source = VelocityFile(data, grid)
+    velocity(source, grid, 86400.0)
+    with pytest.raises(InputError, match=r"vo\[5, 3\] at 2016-02-04: nan on water"):
+        velocity(source, grid, 2 * 86400.0)
+    dry = grid.with_wet(grid.x > 5)
+    velocity(VelocityFile(data, dry), dry, 2 * 86400.0)  # nobody needs that point
+
+
+def test_a_fill_value_that_the_file_does_not_declare_is_no_velocity():
+    data = metres(0.1, lambda x, y: np.where((x == 3) & (y == 5), 9.97e36, 0))
+    with pytest.raises(InputError, match=r"vo\[5, 3\] at its only record: 9.97e\+36"):
+        velocity(VelocityFile(data, square()), square())
+
+
+class Counting(BackendArray):
+    """Records of ones, which counts the values that are asked for."""
+
+    def __init__(self, shape):
+        self.shape, self.dtype, self.read = shape, np.dtype(float), 0
+
+    def __getitem__(self, key):
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.BASIC, self._get
+        )
+
+    def _get(self, key):
+        values = np.broadcast_to(0.1, self.shape)[key]
+        self.read += values.size
+        return values
+
+
+def test_of_a_long_file_only_the_records_and_the_block_in_use_are_read():
+    times = np.datetime64("2016-01-01", "ns") + np.arange(366) * np.timedelta64(1, "D")
+    x = np.arange(200.0)
+    counters, parts = [], {}
+    for name, attrs in (("uo", ALONG_X), ("vo", ALONG_Y)):
+        counters.append(Counting((366, 200, 200)))
+        parts[name] = (("time", "y", "x"), indexing.LazilyIndexedArray(counters[-1]), attrs)
+    data = xr.Dataset(parts, {"time": times, "x": ("x", x), "y": ("y", x)})
+    source = VelocityFile(data, square())
+    for t in np.linspace(0, 86400, 9):
+        velocity(source, square(), t)
+    block = 14 * 14  # 10 m, a point beyond, and a margin
+    for counter in counters:
+        assert 0 < counter.read <= 3 * block  # where water is; two records
+
+
+def test_zarr_stores_are_read_as_well(tmp_path):
+    pytest.importorskip("zarr")
+    data = in_time(metres(0.1, 0.2), DAYS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        data.to_zarr(tmp_path / "currents.zarr")
+    u, v = velocity(VelocityFile(tmp_path / "currents.zarr", square()), square(), 86400.0)
+    np.testing.assert_allclose((u[0], v[0]), (0.2, 0.4))
+
+
+def test_the_report_line_tells_what_was_understood(tmp_path):
+    lon, lat = np.arange(0.0, 20), np.arange(70.0, 80)
+    attrs = [a | {"units": "cm/s"} for a in (EAST, NORTH)]
+    data = on_axes(np.ones((10, 20)), np.ones((10, 20)), lon, lat, *attrs, ("lat", "lon"))
+    text = repr(VelocityFile(saved(data, tmp_path), around(10, 75), projection=POLAR))
+    assert "\n" not in text
+    for words in (
+        "currents.nc: uo, vo by standard_name eastward_sea_water_velocity", "[cm/s × 0.01]",
+        "10 × 20 lat, lon", "east, north turned by 5", "land by NaN", "16 of 16 cells", "without time",
+    ):  # fmt: skip
+        assert words in text
+
+
+# ------------------------------------------------------------------------------------------ real files
+
+real = pytest.mark.skipif(not REAL.is_dir(), reason="the real files are not here")
+
+
+@real
+def test_the_real_roms_file_gives_the_speed_of_its_face_means_and_its_own_angle():
+    path = REAL / "nordic4km_surface_cgrid_20160202-04.nc"
+    data = xr.open_dataset(path)
+    j, i = 40, 20
+    plane = "+proj=laea +lat_0=69 +lon_0=10 +datum=WGS84"
+    lon, lat = float(data.lon_rho[j, i]), float(data.lat_rho[j, i])
+    grid = around(lon, lat, plane, half=1.0, n=1)
+    u, v = velocity(VelocityFile(path, grid, projection=plane), grid)
+    along = (data.u[0, j, i - 1] + data.u[0, j, i]) / 2 + 1j * (
+        data.v[0, j - 1, i] + data.v[0, j, i]
+    ) / 2
+    step = (
+        to_plane(plane, lon + 1e-4, lat)[1] - grid.y,
+        to_plane(plane, lon + 1e-4, lat)[0] - grid.x,
+    )
+    turn = np.arctan2(*step) + float(data.angle[j, i])
+    np.testing.assert_allclose(u + 1j * v, complex(along) * np.exp(1j * turn), atol=1e-5)
+
+
+@real
+def test_the_real_file_with_two_positions_is_warned_of():
+    plane = "+proj=laea +lat_0=76 +lon_0=35 +datum=WGS84"
+    grid = around(35, 76, plane, half=100e3)
+    with pytest.warns(UserWarning, match=r"disagree by 17\.\d km"):
+        source = VelocityFile(REAL / "arctic20_ocean_ice_20160201-05.nc", grid, projection=plane)
+    assert source.span == (0.0, 4 * 86400.0)
+
+
+@real
+def test_the_real_noleap_wind_covers_the_pole():
+    grid = around(0, 90)
+    source = VelocityFile(
+        REAL / "core2_wind10m_6hourly_19480101.nc", grid, kind="wind", projection=POLAR
+    )
+    u, v = velocity(source, grid, 6 * 3600.0)
+    assert np.hypot(u, v).max() < 15 and np.hypot(u, v).min() > 0
+    assert np.ptp(np.angle(u + 1j * v)) < 1  # about one direction across the pole
