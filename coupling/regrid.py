@@ -420,7 +420,9 @@ def _overlaps_plane(source: Grid, target: Grid) -> tuple[csr_array, np.ndarray, 
     return overlap, source.area, target.area
 
 
-def _overlaps_1d(source_edges: np.ndarray, target_edges: np.ndarray, length: Callable[..., np.ndarray]) -> csr_array:
+def _overlaps_1d(
+    source_edges: np.ndarray, target_edges: np.ndarray, length: Callable[..., np.ndarray]
+) -> csr_array:
     """Lengths in common (target, source): both sets of edges together cut the axis into pieces."""
     from scipy.sparse import csr_array
 

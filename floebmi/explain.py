@@ -180,5 +180,5 @@ def _span(values: np.ndarray) -> str:
 
 
 def _numbers(law: tuple) -> str:
-    fields = law._asdict()  # type: ignore[attr-defined]
+    fields = law._asdict()
     return ", ".join(f"{name} {value:.4g}" for name, value in fields.items()) or "its field"

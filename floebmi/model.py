@@ -329,10 +329,24 @@ class Model:
         key = np.concatenate([f.x, f.y, f.active.astype(float)])
         kept = self._weights.get(id(grid))
         if kept is None or not np.array_equal(kept[0], key):
-            weights = floe_weights(grid, f.x, f.y, f.radius, self.sampling, self.domain.period)
+            if grid is self.grid and self.sampling == "overlap":
+                weights = self._weights_of_coverage()
+            else:
+                weights = floe_weights(grid, f.x, f.y, f.radius, self.sampling, self.domain.period)
             kept = key, weights
             self._weights[id(grid)] = kept
         return kept[1]
+
+    def _weights_of_coverage(self) -> Weights:
+        """Shares of the ice by its exact areas in wet cells, which `fields` needs as well; land has none."""
+        areas, n = self.coverage(), len(self.floes)
+        ice = np.flatnonzero(self.floes.active & ~self.floes.land)
+        floe = np.repeat(ice, np.diff(areas.start))
+        wet = self.grid.wet[areas.cell]
+        floe, area = floe[wet], areas.area[wet]
+        total = np.bincount(floe, weights=area, minlength=n)
+        start = np.concatenate([[0], np.cumsum(np.bincount(floe, minlength=n))])
+        return Weights(start, areas.cell[wet], area / total[floe], self.grid.size)
 
     def _sample(self) -> dict[int, Weights]:
         weights: dict[int, Weights] = {}

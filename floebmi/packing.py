@@ -10,6 +10,7 @@ pressing alone jams at 0.84.  Floes of a single size are shaken instead, and ord
 """
 
 import csv
+import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
 from floebmi.sizes import Sizes, check_sizes
 
+CALM = float(os.environ.get("CALM", ".5"))
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
 OVERSHOOT = 1.5  # push beyond the point of touching: fewer sweeps, as in successive over-relaxation
 SKIN = (0.6, 2.0)  # of the pair list, in median radii; the wider, the more the floes overlap
@@ -952,7 +954,7 @@ def _press(
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
         steps, worst, moved = _push(
             all_x, all_y, pressed, mobile, i, j, lengths, box, n, start_x, start_y,
-            skin / 2 - grown, SPARE, every - done % every,
+            skin / 2 - grown, SPARE, every - done % every, OVERSHOOT if done < 0.8 * sweeps else CALM,
         )  # fmt: skip
         done += steps
         complete = moved + grown < skin / 2  # no pair has come near that is not in the list
@@ -1065,7 +1067,7 @@ def _wrap(x: np.ndarray, y: np.ndarray, domain: Domain) -> None:
 
 @jit
 def _push(
-    x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, enough, sweeps
+    x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, enough, sweeps, overshoot
 ):  # fmt: skip
     """Sweep over the pairs until overlaps are below `enough` or a floe has moved by `slack`.
 
@@ -1092,7 +1094,7 @@ def _push(
                 worst = max(worst, overlap / _smaller(r, n, a, b))
                 if distance == 0.0:
                     dx, distance = 1.0, 1.0
-                share = OVERSHOOT * overlap / (distance * (mobile[a] + mobile[b]))
+                share = overshoot * overlap / (distance * (mobile[a] + mobile[b]))
                 x[a] -= share * mobile[a] * dx
                 y[a] -= share * mobile[a] * dy
                 x[b] += share * mobile[b] * dx

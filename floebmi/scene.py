@@ -368,7 +368,7 @@ class Parts(Table):
     model: Literal["parts"] = "parts"
     elastic: Elastic = Field(Elastic(), description="normal elasticity")
     friction: (
-        one_of(  # type: ignore[valid-type]
+        one_of(
             "law",
             {
                 "coulomb": table_of(Coulomb, "law", "coulomb"),
@@ -450,7 +450,7 @@ class FluidTable(Table):
 class Ocean(FluidTable):
     """Ocean: drag on the floes' bottoms and sides."""
 
-    drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field(  # type: ignore[valid-type]
+    drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field(
         "damsgaard2018", description="a preset, or a table of coefficients"
     )
 
@@ -458,7 +458,7 @@ class Ocean(FluidTable):
 class Atmosphere(FluidTable):
     """Wind: drag on the floes' tops and freeboards."""
 
-    drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field(  # type: ignore[valid-type]
+    drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field(
         "damsgaard2018", description="a preset, or a table of coefficients"
     )
     grid: GridTable | None = Field(None, description="a grid of its own; else that of [grid]")

@@ -211,8 +211,8 @@ def test_land_may_be_rings_or_the_dry_cells_of_a_grid():
     grid = Grid.uniform(domain.x, domain.y, shape=(10, 10), wet=wet.ravel())
     ring = np.array([(400.0, 300.0), (700.0, 300.0), (700.0, 600.0), (400.0, 600.0)])
     land = shapely.Polygon(ring)
-    for given in (grid, [ring]):
-        floes = scatter(domain, UniformSize(10.0, 30.0), concentration=0.7, seed=1, land=given)
+    for shore in (grid, [ring]):
+        floes = scatter(domain, UniformSize(10.0, 30.0), concentration=0.7, seed=1, land=shore)
         clear = shapely.distance(land, shapely.points(floes.x, floes.y)) - floes.radius
         assert clear.min() > 0.0
         assert floes.area.sum() / (1e6 - land.area) == pytest.approx(0.7, rel=0.005)
