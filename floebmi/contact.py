@@ -8,7 +8,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from floebmi.bonds import TensileStrength, hold
 from floebmi.errors import InputError
@@ -115,6 +114,8 @@ def damping_ratio(restitution: float) -> float:
 
     Schwager & Pöschel (2007), doi:10.1007/s10035-007-0065-z.
     """
+
+    from scipy.optimize import brentq
 
     def excess(zeta: float) -> float:
         if zeta < 1.0:

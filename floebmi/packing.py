@@ -10,7 +10,6 @@ pressing alone jams at 0.84.  Floes of a single size are shaken instead, and ord
 """
 
 import csv
-import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,9 +27,9 @@ from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
 from floebmi.sizes import Sizes, check_sizes
 
-CALM = float(os.environ.get("CALM", ".5"))
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
 OVERSHOOT = 1.5  # push beyond the point of touching: fewer sweeps, as in successive over-relaxation
+CALM = 0.5  # the same in the last fifth of the sweeps, so that jammed floes share their overlaps
 SKIN = (0.6, 2.0)  # of the pair list, in median radii; the wider, the more the floes overlap
 NARROW = 1.05  # floes whose radii differ by less than this factor are shaken, not swapped
 SHAKE = 0.7  # in mean overlaps
@@ -123,7 +122,7 @@ def scatter(
     if not sea.any():
         raise InputError(f"land leaves {room:.4g} m², too little to find a place for floes")
     ground.ice[sea] = filled * room / np.count_nonzero(sea)
-    x, y, _, left = _settle(radius, ground, barrier, domain, rng)
+    x, y, _, left = _settle(radius, ground, domain, rng)
     if left.any():
         raise InputError(
             f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room of their own; "
@@ -210,7 +209,7 @@ def from_field(
     barrier = _barrier(land, domain, sizes.range[0], grid)
     ground = _ground(domain, barrier, len(radius), grid)
     _spread(ground, grid, ice)
-    x, y, cell, left = _settle(radius, ground, barrier, domain, rng)
+    x, y, cell, left = _settle(radius, ground, domain, rng)
     capped = wanted - float(ice.sum())
     lost = float(np.pi * np.sum(radius[left] ** 2))
     told = [
@@ -691,6 +690,13 @@ class _Ground(NamedTuple):
     group: np.ndarray
     ice: np.ndarray
     clear: np.ndarray | None
+    barrier: _Barrier
+    grid: Grid | None
+
+    def group_of(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The group of any points, -1 where no ice may be."""
+        group = np.zeros(len(x), np.int64) if self.grid is None else self.grid.locate(x, y)
+        return np.where(self.barrier.holds(x, y), -1, group)
 
     def centres(self, k: np.ndarray) -> np.ndarray:
         """x, y of raster cells [m], shape (len(k), 2)."""
@@ -712,18 +718,18 @@ def _ground(domain: Domain, barrier: _Barrier, n: int, grid: Grid | None = None)
     order = np.argsort(along, kind="stable")
     column, row = column.ravel()[order], row.ravel()[order]
     step = long_x / nx, long_y / ny
-    x = domain.x[0] + (column + 0.5) * step[0]
-    y = domain.y[0] + (row + 0.5) * step[1]
-    blocked = barrier.holds(x, y)
-    group = np.zeros(len(x), np.int64) if grid is None else grid.locate(x, y).astype(np.int64)
-    group[blocked] = -1
-    clear = None
+    n = len(column)
+    origin, no_group = (domain.x[0], domain.y[0]), np.zeros(n, np.int64)
+    ground = _Ground(
+        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid
+    )  # fmt: skip
+    x, y = ground.centres(np.arange(n)).T.copy()
+    clear, blocked = None, barrier.holds(x, y)
     if blocked.any():
         free = np.ones((ny, nx), bool)
         free[row[blocked], column[blocked]] = False
         clear = ndimage.distance_transform_edt(free, sampling=step[::-1])[row, column]
-    origin = domain.x[0], domain.y[0]
-    return _Ground((ny, nx), origin, step, column, row, group, np.zeros(len(x)), clear)
+    return ground._replace(group=ground.group_of(x, y), clear=clear)
 
 
 def _spread(ground: _Ground, grid: Grid, ice: np.ndarray) -> None:
@@ -769,16 +775,15 @@ def _hilbert(column, row, order):
 def _settle(
     radius: np.ndarray,
     ground: _Ground,
-    barrier: _Barrier,
     domain: Domain,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pack, and lay floes that found no room elsewhere nearby: x, y, grid cell, and which are still left."""
     from scipy.spatial import cKDTree
 
-    x, y, group = _pack(radius, ground, barrier, domain, rng)
+    x, y, group = _pack(radius, ground, domain, rng)
     free = np.ones(len(x), bool)
-    left = _unplaced(x, y, radius, barrier, domain)
+    left = _unplaced(x, y, radius, ground.barrier, domain)
     for _ in range(ROUNDS):
         # many floes without room are no bad luck
         if not left.any() or np.count_nonzero(left) > max(10, 0.1 * len(left)):
@@ -793,15 +798,14 @@ def _settle(
             at = ground.centres(place)
             near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
             x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
-        _press(x, y, radius, free, barrier.discs, domain, EDGES_KEPT, rng=rng)
-        left = _unplaced(x, y, radius, barrier, domain)
+        _press(x, y, radius, free, ground.barrier.discs, domain, EDGES_KEPT, rng=rng)
+        left = _unplaced(x, y, radius, ground.barrier, domain)
     return x, y, group, left
 
 
 def _pack(
     radius: np.ndarray,
     ground: _Ground,
-    barrier: _Barrier,
     domain: Domain,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -816,15 +820,15 @@ def _pack(
     for number in classes:
         new = np.flatnonzero(size_class == number)
         x[new], y[new], group[new] = _lay(
-            radius[new], ground, barrier, x[laid], y[laid], radius[laid], domain, rng
+            radius[new], ground, x[laid], y[laid], radius[laid], domain, rng
         )
         laid = np.concatenate([laid, new])
         here = x[laid], y[laid], radius[laid]
         free = np.ones(len(laid), bool)
         if number == classes[-1]:
-            _press(*here, free, barrier.discs, domain, EDGES_KEPT, rng=rng)
+            _press(*here, free, ground.barrier.discs, domain, EDGES_KEPT, rng=rng)
         else:
-            _press(*here, free, barrier.discs, domain, EDGES_KEPT, sweeps=100)
+            _press(*here, free, ground.barrier.discs, domain, EDGES_KEPT, sweeps=100)
         x[laid], y[laid], radius[laid] = here
     return x, y, group
 
@@ -832,7 +836,6 @@ def _pack(
 def _lay(
     radius: np.ndarray,
     ground: _Ground,
-    barrier: _Barrier,
     other_x: np.ndarray,
     other_y: np.ndarray,
     other_radius: np.ndarray,
@@ -866,11 +869,13 @@ def _lay(
     middle = (np.cumsum(area) - area / 2) / area.sum() * reached[-1]
     place = np.searchsorted(reached, middle, side="right")
     place = np.minimum(place, np.flatnonzero(weight)[-1])
-    within = rng.random((2, len(place)))
-    for _ in range(2):
-        x = domain.x[0] + (ground.column[place] + within[0]) * ground.step[0]
-        y = domain.y[0] + (ground.row[place] + within[1]) * ground.step[1]
-        within[:, barrier.holds(x, y)] = 0.5  # a raster cell's centre is never on land
+    x, y = ground.centres(place).T.copy()
+    moved = np.zeros(len(place), bool)
+    for _ in range(4):  # off the raster's rows, but within the same cell and off the land
+        off_x, off_y = 2.0 * rng.random((2, len(place))) - 1.0
+        new_x, new_y = x + off_x * ground.step[0], y + off_y * ground.step[1]
+        good = ~moved & (ground.group_of(new_x, new_y) == ground.group[place])
+        x[good], y[good], moved[good] = new_x[good], new_y[good], True
     return x, y, np.maximum(ground.group[place], 0)
 
 

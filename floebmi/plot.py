@@ -107,7 +107,7 @@ def frame(
     arrows : "ice", "ocean", "wind" (velocities) or "stress" (ice on ocean) from the gridded file
     limits : ends of the colour scale; by default they hold all frames' values but the largest 1 %
     title : default: the file's title
-    size : width of the picture in pixels
+    size : width of the picture in pixels; that of a tall domain is narrower
 
     Returns
     -------

@@ -1,5 +1,7 @@
 """The command line: what it prints, what it leaves, and how it refuses."""
 
+import os
+import signal
 import subprocess
 import sys
 
@@ -7,7 +9,7 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 
-from floebmi import __version__
+from floebmi import __version__, running
 from floebmi.cli import floebmi
 from floebmi.output import load_restart
 from floebmi.scenes import packaged
@@ -198,6 +200,25 @@ def test_a_restart_file_of_another_scene_is_refused(cli, ran):
     result = cli(*fast("--restart", ran / "restart.nc", "--set", "contact=none", "--duration", 60))
     assert result.exit_code == 2
     assert f"--restart {ran / 'restart.nc'}: " in result.stderr
+
+
+def test_ctrl_c_ends_with_130_readable_files_and_the_command_that_goes_on(
+    cli, tmp_path, monkeypatch
+):
+    update = running._Meter.update
+
+    def press(meter, model):
+        update(meter, model)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(running._Meter, "update", press)
+    result = cli(*fast())
+    assert result.exit_code == 130
+    assert "--restart two-floes/restart.nc" in result.stderr
+    with xr.open_dataset(tmp_path / "two-floes" / "floes.nc", decode_times=False) as data:
+        assert data.sizes["time"] >= 2
+    state, _ = load_restart(tmp_path / "two-floes" / "restart.nc")
+    assert 0.0 < state["time"] < 15.0
 
 
 # ---- explain, scene ---------------------------------------------------------------------------

@@ -273,6 +273,15 @@ def test_closed_faces_beside_water_stop_the_flow_and_land_is_never_touched(tmp_p
         speed_at(17)
 
 
+def test_a_face_beyond_the_end_of_the_file_does_not_count():
+    x0, y0 = (float(a) for a in to_plane(POLAR, 10, 75))
+    z = x0 + 1j * y0 + 10e3 * (-12 + 0j) * np.exp(1j * ROMS_TURN)  # the first column of centres
+    cell = Grid.uniform((z.real - 1, z.real + 1), (z.imag - 1, z.imag + 1), shape=(1, 1))
+    u, v = velocity(VelocityFile(roms(), cell, projection=POLAR), cell)
+    expected = (0.105 - 0.05j) * np.exp(1j * ROMS_TURN)
+    np.testing.assert_allclose(u + 1j * v, expected, atol=1e-6)
+
+
 @pytest.mark.parametrize("before", [True, False])
 def test_an_mitgcm_grid_on_longitude_and_latitude_is_told_by_its_coordinates(tmp_path, before):
     lon, lat = np.arange(0.0, 20), np.arange(70.0, 80)
@@ -359,6 +368,31 @@ def test_longitudes_wrap_around_the_globe_whatever_range_they_are_given_in():
         np.testing.assert_allclose(answers[k], answers[k + 6], atol=1e-13)
 
 
+def test_a_region_across_greenwich_may_be_numbered_from_0_to_360():
+    lon, lat = np.arange(350.0, 370), np.arange(70.0, 80)
+    u = np.broadcast_to(0.01 * (lon - 360), (10, 20))
+    data = on_axes(u, 0 * u, lon % 360, lat, EAST, NORTH, ("lat", "lon"))
+    grid = around(0, 75)
+    u, v = velocity(VelocityFile(data, grid, projection=POLAR), grid)
+    lons = to_lonlat(POLAR, grid.x, grid.y)[0]
+    z = (u + 1j * v) * np.exp(-1j * np.radians(lons + 45))
+    np.testing.assert_allclose(z, 0.01 * lons, atol=2e-5)
+
+
+@pytest.mark.parametrize("pole", [-90, 90])
+def test_the_last_row_of_a_global_file_reaches_the_pole(pole):
+    plane = f"+proj=laea +lat_0={pole} +lon_0=0 +datum=WGS84"
+    lon, lat = np.arange(0.0, 360, 2), np.arange(-88.5, 89, 1.5)
+    one = np.ones((lat.size, lon.size))
+    grid = around(0, pole, plane, half=20e3)
+    source = VelocityFile(
+        on_axes(0.1 * one, 0 * one, lon, lat, EAST, NORTH, ("lat", "lon")), grid, projection=plane
+    )
+    z = np.array([1, 1j]) @ velocity(source, grid)
+    radius = (grid.x + 1j * grid.y) / np.hypot(grid.x, grid.y)
+    np.testing.assert_allclose(z, 0.1j * np.sign(pole) * radius, atol=3e-4)  # around the pole
+
+
 def test_land_that_is_nan_or_masked_has_no_weight():
     hole = metres(0.3, lambda x, y: np.where(x > 5, np.nan, 0.1))
     masked = metres(
@@ -382,6 +416,15 @@ def test_a_mask_whose_flags_say_that_one_is_land_is_believed():
     VelocityFile(data, Grid.uniform((1, 4), (0, 8), shape=(4, 4)))
 
 
+def test_wind_blows_over_land_unless_a_mask_is_named():
+    wind = {"u_attrs": M_PER_S | {"standard_name": "x_wind"}}
+    wind["v_attrs"] = M_PER_S | {"standard_name": "y_wind"}
+    data = metres(5.0, 0.0, mask=(("y", "x"), np.zeros((11, 11))), **wind)
+    assert velocity(VelocityFile(data, square(), kind="wind"), square())[0][0] == 5
+    with pytest.raises(InputError, match="only land"):
+        VelocityFile(data, square(), kind="wind", mask="mask")
+
+
 def test_a_wet_cell_on_the_files_land_is_an_error_unless_told_what_it_gets():
     data = metres(lambda x, y: np.where(x > 5, np.nan, 0.1 * x), 0.1)
     grid = square(10.0)
@@ -394,6 +437,8 @@ def test_a_wet_cell_on_the_files_land_is_an_error_unless_told_what_it_gets():
     near = VelocityFile(data, grid, fill_land="nearest")
     assert near.covered.all() and "10 of them from water up to 0.0 km away" in repr(near)
     np.testing.assert_allclose(velocity(near, grid)[0][grid.x > 6], 0.5)
+    inland = Grid.uniform((9, 10), (4, 5), shape=(1, 1))
+    assert velocity(VelocityFile(data, inland, fill_land="nearest"), inland)[0][0] == 0.5
     dry = grid.with_wet(grid.x < 6)
     np.testing.assert_array_equal(VelocityFile(data, dry).covered, dry.wet)
 

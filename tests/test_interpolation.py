@@ -28,10 +28,11 @@ def test_a_net_ends_half_a_spacing_beyond_its_points_with_the_value_of_the_last(
     np.testing.assert_allclose(column, [0.0, np.nan, 1.5])
 
 
-def test_long_thin_cells_are_searched_beyond_their_nearest_centres():
-    y, x = np.meshgrid(np.arange(40.0), 100.0 * np.arange(4.0), indexing="ij")
-    row, column = in_net(x, y, np.array([3.0, 199.0]), np.array([7.3, 20.0]))
-    np.testing.assert_allclose((row, column), ([7.3, 20.0], [0.03, 1.99]))
+def test_long_thin_slanting_cells_are_searched_beyond_their_nearest_centres():
+    j, i = np.mgrid[0:90, 0:4].astype(float)
+    x, y = 100 * i, j + 50 * i
+    row, column = in_net(x, y, np.array([198.0, 3.0]), np.array([150.3, 30.0]))
+    np.testing.assert_allclose((row, column), ([51.3, 28.5], [1.98, 0.03]))
 
 
 def test_points_of_a_net_without_a_place_leave_a_hole():

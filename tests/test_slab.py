@@ -86,6 +86,12 @@ def test_update_until_lands_exactly_and_never_goes_back(make):
     ocean = make()
     ocean.update_until(700.1)
     assert ocean.get_current_time() == 700.1
+    by_hand = make()
+    for until in (300.0, 600.0, 700.1):
+        by_hand.update_until(until)
+    np.testing.assert_array_equal(
+        ocean.get_value_ptr(SURFACE[0]), by_hand.get_value_ptr(SURFACE[0])
+    )
     momentum = ocean.get_value_ptr(SURFACE[0]).copy()
     ocean.update_until(700.1)
     np.testing.assert_array_equal(ocean.get_value_ptr(SURFACE[0]), momentum)
