@@ -405,8 +405,8 @@ def _scale_of(
             limits = low - spread, high + spread
         else:
             limits = (-largest, 0.0) if low < 0.0 else (0.0, largest)
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    shown = extend.get((low < limits[0], high > limits[1]), "neither")
+    beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    shown = beyond.get((low < limits[0], high > limits[1]), "neither")
     cmap = matplotlib.colormaps["PuOr_r" if signed else "viridis"]
     return _Scale(cmap, Normalize(*limits), shown)
 

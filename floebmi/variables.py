@@ -54,8 +54,9 @@ class Variable(NamedTuple):
     @property
     def file_name(self) -> str:
         """Its name in a NetCDF file: the CF standard name if there is one of a bearable length."""
-        short = self.grid == "floe" or self.cf is None or len(self.cf) > LONGEST_NAME
-        return self.name if short else self.cf
+        if self.grid == "floe" or self.cf is None or len(self.cf) > LONGEST_NAME:
+            return self.name
+        return self.cf
 
 
 class Axis(NamedTuple):

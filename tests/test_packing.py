@@ -154,7 +154,10 @@ def test_any_number_of_floes_is_laid_without_overlap(count, ratio, concentration
         ({"concentration": 0.97}, "about 0.85 can be packed"),
         ({"concentration": 0.92}, "find no room of their own"),
         ({"concentration": None, "count": -1}, "count = -1; must be a whole number"),
-        ({"sizes": SingleSize(300.0)}, "domain.y: 500 m; must be at least 2 radii of the largest"),
+        (
+            {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},
+            "domain.y: 500 m; must be at least 2 radii of the largest",
+        ),
         ({"sizes": SingleSize(200.0)}, "no number of floes of these sizes comes within 0.5 %"),
         ({"sizes": PowerLaw(5.0, 4.0)}, "PowerLaw.radius_max = 4 m"),
         ({"thickness": 0.0}, "thickness = 0.0 m; must be greater than 0"),
@@ -211,7 +214,7 @@ def test_land_may_be_rings_or_the_dry_cells_of_a_grid():
     grid = Grid.uniform(domain.x, domain.y, shape=(10, 10), wet=wet.ravel())
     ring = np.array([(400.0, 300.0), (700.0, 300.0), (700.0, 600.0), (400.0, 600.0)])
     land = shapely.Polygon(ring)
-    for shore in (grid, [ring]):
+    for keep_free in (grid, [ring]):
         floes = scatter(domain, UniformSize(10.0, 30.0), concentration=0.7, seed=1, land=shore)
         clear = shapely.distance(land, shapely.points(floes.x, floes.y)) - floes.radius
         assert clear.min() > 0.0
@@ -277,11 +280,11 @@ def test_floes_from_a_field_hold_its_ice_where_it_lies(grid, sizes):
 
 def test_each_cell_gets_its_ice_within_about_half_a_floe():
     grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
-    fraction = np.linspace(0.1, 0.6, 64)
+    fraction = np.linspace(0.05, 0.35, 64)
     floes = from_field(grid, fraction, 1.0, SingleSize(50.0), seed=2)
     found = np.bincount(grid.locate(floes.x, floes.y), minlength=64)
     wanted = fraction * grid.area / (np.pi * 50.0**2)
-    assert abs(found - wanted).max() < 3.0  # half a floe when laid; a few more are pressed across
+    assert abs(found - wanted).max() < 2.0  # half a floe when laid; some are pressed across
     assert abs(found.sum() - wanted.sum()) <= 0.5
 
 
@@ -378,7 +381,7 @@ def test_a_lattice_has_its_spacing_and_its_neighbours(lattice, neighbours, edges
 @pytest.mark.parametrize("edges", [{}, PERIODIC, CHANNEL], ids=str)
 @pytest.mark.parametrize("concentration", [0.2, 0.6, 0.85])
 def test_a_lattice_has_the_concentration_as_closely_as_rows_allow(concentration, edges):
-    domain = Domain((0.0, 4000.0), (0.0, 3000.0), **edges)
+    domain = Domain((0.0, 1700.0), (0.0, 1100.0), **edges)
     floes = regular(domain, 20.0, concentration=concentration)
     assert floes.area.sum() / domain.area == pytest.approx(concentration, rel=0.03)
     assert largest_overlap(floes, domain) <= 1e-9
@@ -427,7 +430,7 @@ def test_relaxing_presses_a_random_start_apart(concentration):
 
 
 def test_relaxing_moves_neither_fixed_floes_nor_inactive_ones():
-    floes, domain = heap()
+    floes, domain = heap(concentration=0.3)
     floes.motion[::10] = FIXED
     floes.active[5::10] = False
     x = floes.x.copy()
@@ -447,7 +450,7 @@ def test_relaxing_moves_neither_fixed_floes_nor_inactive_ones():
 def test_relaxing_tells_what_is_left_where_there_is_no_room():
     floes, domain = heap(concentration=0.95)
     left = relax(floes, domain)
-    assert 0.0 < left < 0.5
+    assert 0.0 < left < 0.7
     assert largest_overlap(floes, domain) == pytest.approx(left)
     assert relax(Floes([], [], [], []), domain) == 0.0
 

@@ -86,7 +86,7 @@ def test_update_until_lands_exactly_and_never_goes_back(make):
     ocean = make()
     ocean.update_until(700.1)
     assert ocean.get_current_time() == 700.1
-    by_hand = make()
+    by_hand = make(text=CONFIG.replace("300.0", "1000.0"))  # one step for each call
     for until in (300.0, 600.0, 700.1):
         by_hand.update_until(until)
     np.testing.assert_array_equal(
