@@ -241,7 +241,8 @@ def regular(
 
     Rows run along x; of a hexagonal lattice they are √3/2 spacings apart, and every other one is shifted.
     Between edges that are not periodic the lattice is centred, with all floes wholly inside.  Along a
-    period the lattice is stretched or squeezed to the nearest whole (hexagonal, along y: even) number of rows.
+    period the lattice is stretched or squeezed to the nearest whole (hexagonal, along y: even) number of rows,
+    and to meet a concentration, by up to a tenth along x against y.
 
     Parameters
     ----------
@@ -282,11 +283,17 @@ def regular(
         per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
         ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
         # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
-        trials = [_rows(domain, radius, ideal * f, lattice) for f in np.linspace(1.1, 0.6, 1001)]
+        trials = [
+            _rows(domain, radius, ideal * factor, lattice, stretch)
+            for factor in np.linspace(1.1, 0.6, 251)
+            for stretch in np.linspace(0.95, 1.05, 11)
+        ]
         target = concentration * domain.area / (np.pi * radius**2)
         fitting = [rows for rows in trials if rows.nearest >= 2 * radius * (1 - 1e-12)]
         best = min(
-            fitting, key=lambda rows: (abs(rows.count / target - 1), rows.stretch), default=None
+            fitting,
+            key=lambda rows: (max(abs(rows.count / target - 1), CLOSE_ENOUGH), rows.stretch),
+            default=None,
         )
         if best is None or abs(best.count / target - 1) > WHOLE_ROWS:
             nearest = 0.0 if best is None else best.count / target * concentration
@@ -385,7 +392,7 @@ class _Rows(NamedTuple):
     odd: int
     rows: int
     shift: float
-    stretch: float
+    stretch: float  # of the lattice along x against y, 0 if there is none
 
     @property
     def count(self) -> int:
@@ -397,11 +404,14 @@ class _Rows(NamedTuple):
         return min(self.dx if self.even > 1 else np.inf, between)
 
 
-def _rows(domain: Domain, radius: float, spacing: float, lattice: str) -> _Rows:
+def _rows(
+    domain: Domain, radius: float, spacing: float, lattice: str, stretch: float = 1.0
+) -> _Rows:
     long_x, long_y = domain.x[1] - domain.x[0], domain.y[1] - domain.y[0]
     periodic_x, periodic_y = (length is not None for length in domain.period)
     hexagonal = lattice == "hexagonal"
-    dx, dy = spacing, spacing * np.sqrt(0.75) if hexagonal else spacing
+    height = np.sqrt(0.75) if hexagonal else 1.0
+    dx, dy = spacing * stretch, spacing * height / stretch
     if periodic_x:
         even = odd = max(1, round(long_x / dx))
         dx = long_x / even
@@ -415,9 +425,8 @@ def _rows(domain: Domain, radius: float, spacing: float, lattice: str) -> _Rows:
         dy = long_y / rows
     else:
         rows = int(np.floor((long_y - 2 * radius) / dy + 1e-9)) + 1
-    stretch = max(abs(dx / spacing - 1), abs(dy / spacing - (np.sqrt(0.75) if hexagonal else 1)))
     even, odd, rows = (max(0, number) for number in (even, odd, rows))
-    return _Rows(dx, dy, even, odd, rows, dx / 2 if hexagonal else 0.0, stretch)
+    return _Rows(dx, dy, even, odd, rows, dx / 2 if hexagonal else 0.0, abs(dx * height / dy - 1))
 
 
 def _on_rows(rows: _Rows, domain: Domain) -> tuple[np.ndarray, np.ndarray]:
@@ -729,7 +738,16 @@ def _ground(domain: Domain, barrier: _Barrier, n: int, grid: Grid | None = None)
         free = np.ones((ny, nx), bool)
         free[row[blocked], column[blocked]] = False
         clear = ndimage.distance_transform_edt(free, sampling=step[::-1])[row, column]
-    return ground._replace(group=ground.group_of(x, y), clear=clear)
+    ground = ground._replace(group=ground.group_of(x, y), clear=clear)
+    if grid is None:
+        return ground
+    # the curve visits a grid cell once, so that a cell shares floes with two others only
+    first = np.full(grid.size + 1, n)
+    np.minimum.at(first, ground.group, np.arange(n))
+    first[-1] = n  # -1: where no ice may be
+    order = np.argsort(first[ground.group], kind="stable")
+    along_curve = ("column", "row", "group", "ice") + (() if clear is None else ("clear",))
+    return ground._replace(**{name: getattr(ground, name)[order] for name in along_curve})
 
 
 def _spread(ground: _Ground, grid: Grid, ice: np.ndarray) -> None:

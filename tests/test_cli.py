@@ -313,7 +313,7 @@ def test_labrador_sea_runs_end_to_end_on_real_data(cli, tmp_path):
         assert 0.5 < float(wind.max()) < 10.0  # monthly means
     with xr.open_dataset(folder / "floes.nc") as data:
         assert data.sizes["trajectory"] > 1000
-        assert str(data.time.values[0]).startswith("1979-01")
+        assert str(data.time.values[0]).startswith("1980-01")
         moved = ((data.x[-1] - data.x[0]) ** 2 + (data.y[-1] - data.y[0]) ** 2) ** 0.5
         assert 10.0 < float(moved.max()) < 14400 * 0.5
     ledger = next(line for line in result.stdout.splitlines() if "relative" in line).split()
