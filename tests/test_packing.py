@@ -278,16 +278,6 @@ def test_floes_from_a_field_hold_its_ice_where_it_lies(grid, sizes):
     assert abs(wrong).max() > 5 * abs(error).max()
 
 
-def test_each_cell_gets_its_ice_within_about_half_a_floe():
-    grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
-    fraction = np.linspace(0.05, 0.35, 64)
-    floes = from_field(grid, fraction, 1.0, SingleSize(50.0), seed=2)
-    found = np.bincount(grid.locate(floes.x, floes.y), minlength=64)
-    wanted = fraction * grid.area / (np.pi * 50.0**2)
-    assert abs(found - wanted).max() < 2.0  # half a floe at both ends; some are pressed across
-    assert abs(found.sum() - wanted.sum()) <= 0.5
-
-
 def test_a_floe_has_the_thickness_of_its_cell():
     grid = Grid.uniform((0.0, 4e3), (0.0, 4e3), shape=(4, 4))
     thickness = 1.0 + np.arange(16.0)
