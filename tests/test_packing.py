@@ -254,30 +254,6 @@ def make_grids():
     return uniform, curved
 
 
-@pytest.mark.parametrize("grid", make_grids(), ids=lambda grid: grid.kind)
-@pytest.mark.parametrize("sizes", [UniformSize(60.0, 120.0), PowerLaw(40.0, 900.0)], ids=str)
-def test_floes_from_a_field_hold_its_ice_where_it_lies(grid, sizes):
-    fraction, thickness = ice_edge(grid)
-    floes = from_field(grid, fraction, thickness, sizes, seed=4)
-    ice = np.where(grid.wet, fraction, 0.0) * grid.area
-    domain = Domain((grid.node_x.min(), grid.node_x.max()), (grid.node_y.min(), grid.node_y.max()))
-    biggest = np.pi * sizes.range[1] ** 2
-    assert abs(floes.area.sum() - ice.sum()) <= max(0.5 * biggest, 0.005 * ice.sum())
-    assert largest_overlap(floes, domain) <= 1e-9
-    found = cells_of(floes, grid)
-    assert found[~grid.wet].sum() == 0.0
-    # blocks of 4 x 4 cells have their ice within two floes; about the ice edge's place, not more
-    blocks = (np.arange(grid.size) // 16 // 4) * 4 + np.arange(grid.size) % 16 // 4
-    error = np.bincount(blocks, found - ice)
-    typical = np.sum(floes.area**2) / np.sum(floes.area)
-    assert abs(error).max() < 2.0 * typical + 0.08 * 16e6
-    assert floes.volume.sum() == pytest.approx(np.sum(ice * thickness), rel=0.02)
-    # negative control: the same floes mirrored do not fit the field
-    floes.x = domain.x[0] + domain.x[1] - floes.x
-    wrong = np.bincount(blocks, cells_of(floes, grid) - ice)
-    assert abs(wrong).max() > 5 * abs(error).max()
-
-
 def test_a_floe_has_the_thickness_of_its_cell():
     grid = Grid.uniform((0.0, 4e3), (0.0, 4e3), shape=(4, 4))
     thickness = 1.0 + np.arange(16.0)
