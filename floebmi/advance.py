@@ -18,6 +18,7 @@ from floebmi.floes import Floes
 from floebmi.forces import BOOKED, Force, at_floes, extend, fastest_rate, speed_bound
 from floebmi.pack import (
     PairList,
+    Stiffest,
     list_pairs,
     look,
     pack,
@@ -111,17 +112,23 @@ class Advance:
         self.pairs = list_pairs(self.packed, self.contact, self.period, self.skin, old, old_place)
         self._list_walls()
         self._touch(0.0)
+        self._stiffest: Stiffest | None = None
+
+    @property
+    def stiffest(self) -> Stiffest:
+        """What sets the step of this list; found when it is asked for."""
+        if self._stiffest is None:
+            self._stiffest = stiffest(
+                self.contact, self.packed, self.pairs, self.period,
+                self.state.walls, self.wall_floe, self.wall_number,
+            )  # fmt: skip
+        return self._stiffest
 
     def _pack(self, old: PairList, old_place: np.ndarray) -> None:
-        state = self.state
         self._list(old, old_place)
         self.here = tuple(at[self.packed.number] for at in self.at)
         self.travelled = 0.0
-        self.stiffest = stiffest(
-            self.contact, self.packed, self.pairs, self.period,
-            state.walls, self.wall_floe, self.wall_number,
-        )  # fmt: skip
-        state.counters.rebuilds += 1
+        self.state.counters.rebuilds += 1
 
     def _walls_strayed(self) -> float:
         return float(np.abs(self.state.walls.position - self.walls_first).max(initial=0.0))

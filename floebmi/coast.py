@@ -1,10 +1,11 @@
 """Coasts: land becomes polygons, and its shore a line of fixed floes that moving floes cannot pass.
 
-Fixed floes feel the same contact law as all others, so landfast ice, friction along a shore and arches in
-a strait need no law of their own.  A disc of radius R that touches the coastline from the land side has
-its centre on the coastline moved inland by R.  Centres there, less than R apart, make a shore whose envelope
-lies on the coastline.  Capes and spits that are too narrow for R get discs of R/2, R/4 and R/8; what is
-narrower still gets discs of R/8 on the coastline itself, which is the most that land can stick out.
+Fixed floes feel the same contact law as all others, so landfast ice, friction along a shore and
+arches in a strait need no law of their own.  A disc of radius R that touches the coastline from the
+land side has its centre on the coastline moved inland by R.  Centres there, less than R apart, make
+a shore whose envelope lies on the coastline.  Capes and spits that are too narrow for R get discs
+of R/2, R/4 and R/8; what is narrower still gets discs of R/8 on the coastline itself, which is the
+most that land can stick out.
 """
 
 import itertools
@@ -33,7 +34,8 @@ class Coast(NamedTuple):
     Attributes
     ----------
     floes : fixed floes that line the shore
-    polygons : closed rings of shape (k, 2) [m]; a ring inside another is a lake, one in a lake an island
+    polygons : closed rings of shape (k, 2) [m]; a ring inside another is a lake, one in a lake an
+        island
     """
 
     floes: Floes
@@ -50,17 +52,17 @@ def from_land_fraction(
 ) -> Coast:
     """The coast where a gridded land fraction crosses a threshold.
 
-    The outermost cells are continued outwards, so that the shore reaches the rim of the grid and beyond it
-    by one radius; no floes stand along the rim itself.
+    The outermost cells are continued outwards, so that the shore reaches the rim of the grid and
+    beyond it by one radius; no floes stand along the rim itself.
 
     Parameters
     ----------
-    x, y : cell centres [m]: rows (nx,), (ny,), or arrays (ny, nx) on a curvilinear grid; rows may also be
-        cell edges (nx + 1,), (ny + 1,)
+    x, y : cell centres [m]: rows (nx,), (ny,), or arrays (ny, nx) on a curvilinear grid; rows may
+        also be cell edges (nx + 1,), (ny + 1,)
     fraction : area fraction of land, 0 to 1, shape (ny, nx)
     radius : of the floes on the shore [m]
-    thickness : of these floes [m]; the stiffness of a contact follows the thinner of two floes, so it should be
-        at least that of the thickest moving floe
+    thickness : of these floes [m]; the stiffness of a contact follows the thinner of two floes, so
+        it should be at least that of the thickest moving floe
     threshold : land fraction on the coastline
 
     Raises
@@ -96,7 +98,8 @@ def from_land_fraction(
     for points, offset in zip(outlines, offsets, strict=True):
         rings = [points[a:b] for a, b in itertools.pairwise(offset)]
         pieces.append(shapely.Polygon(rings[0], rings[1:]))
-    # a contour through a saddle touches itself in a point; buffer(0) parts it there and moves nothing
+    # a contour through a saddle touches itself in a point; buffer(0) parts it there and moves
+    # nothing
     land = shapely.union_all(shapely.buffer(pieces, 0.0)) if pieces else shapely.MultiPolygon()
     return _coast(land, radius, thickness, within=shapely.Polygon(rim).buffer(radius))
 
@@ -106,8 +109,8 @@ def from_polygons(polygons: Sequence[ArrayLike], radius: float, thickness: float
 
     Parameters
     ----------
-    polygons : rings of shape (k, 2) [m], closed or not, in either direction; a ring inside another is a lake,
-        one inside a lake an island; rings that overlap are joined
+    polygons : rings of shape (k, 2) [m], closed or not, in either direction; a ring inside another
+        is a lake, one inside a lake an island; rings that overlap are joined
     radius, thickness : of the floes on the shore [m], see `from_land_fraction`
 
     Raises
@@ -128,13 +131,14 @@ def from_geojson(
     ----------
     path : of the file
     radius, thickness : of the floes on the shore [m], see `from_land_fraction`
-    projection : of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in longitude and
-        latitude; None for a file in metres
+    projection : of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in longitude
+        and latitude; None for a file in metres
 
     Raises
     ------
     InputError
-        naming file and feature, where a geometry cannot be used, or looks like degrees without a projection.
+        naming file and feature, where a geometry cannot be used, or looks like degrees without a
+        projection.
     """
     import shapely
 
@@ -152,7 +156,7 @@ def from_geojson(
 
 
 def land_geometry(polygons: Sequence[ArrayLike]) -> "shapely.Geometry":
-    """Rings as in `Coast.polygons` made one shapely geometry: land, less lakes, with the islands in them.
+    """Rings as in `Coast.polygons` as one shapely geometry: land, less lakes, with their islands.
 
     Raises
     ------
@@ -174,8 +178,8 @@ def land_geometry(polygons: Sequence[ArrayLike]) -> "shapely.Geometry":
         ring = shapely.Polygon(points)
         if not ring.is_valid or ring.area == 0:
             raise InputError(
-                f"polygon {number}: {shapely.is_valid_reason(ring)}; must not cross itself and must "
-                "have an area"
+                f"polygon {number}: {shapely.is_valid_reason(ring)}; must not cross itself and "
+                "must have an area"
             )
         rings.append(ring)
     land = shapely.MultiPolygon()
@@ -254,7 +258,8 @@ def _projected(
         transformer = pyproj.Transformer.from_crs("EPSG:4326", projection, always_xy=True)
     except pyproj.exceptions.CRSError:
         raise InputError(
-            f"projection = {projection!r}; must be a projection that pyproj reads, such as 'EPSG:3413'"
+            f"projection = {projection!r}; must be a projection that pyproj reads, such as "
+            "'EPSG:3413'"
         ) from None
     moved = []
     for name, geometry, properties in features:
@@ -290,7 +295,7 @@ def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.nda
 
 
 def _extended(x: np.ndarray, y: np.ndarray, beyond: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres with a further line on each side, at the rim of the grid [half a cell out] and `beyond` it."""
+    """Centres with a further line on each side, half a cell and `beyond` [m] outside them."""
     for axis in (0, 1):
         x, y = np.moveaxis(x, axis, 0), np.moveaxis(y, axis, 0)
         sides = []

@@ -1,8 +1,8 @@
 """The floes: one array per property, and a floe's index is its number for ever.
 
-Nothing here moves.  The model copies these arrays into its kernels and back at each advance, so between
-advances they may be read and edited like any other array (`floes.u[3] = 0.1`).  A floe that leaves the
-domain keeps its number and becomes inactive; new floes are added behind the last one.
+Nothing here moves.  The model copies these arrays into its kernels and back at each advance, so
+between advances they may be read and edited like any other array (`floes.u[3] = 0.1`).  A floe that
+leaves the domain keeps its number and becomes inactive; new floes are added behind the last one.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ _UNITS = {
 
 
 class _Column:
-    """A property of all floes; assignment writes into the array, so that nobody's view is left behind."""
+    """A property of all floes; assignment writes into the array that others may hold."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -79,8 +79,9 @@ class Floes:
     x, y : centres [m]
     radius, thickness : [m], greater than 0
     u, v : velocity [m/s]
-    motion : bits of what is prescribed: `FIXED_X` (1), `FIXED_Y` (2), `FIXED_ROTATION` (4), or their
-        sum.  `FIXED` (7) with zero velocity is a fixed floe, with a velocity it is a driven one.
+    motion : bits of what is prescribed: `FIXED_X` (1), `FIXED_Y` (2), `FIXED_ROTATION` (4), or
+        their sum.  `FIXED` (7) with zero velocity is a fixed floe, with a velocity it is a driven
+        one.
     rotation : whether the floes have an angle and an angular velocity
     angle, angular_velocity : [rad], [rad/s], counter-clockwise positive; only with `rotation=True`
 
@@ -183,7 +184,7 @@ class Floes:
         return density * self.volume
 
     def moment_of_inertia(self, density: float) -> np.ndarray:
-        """m r² / 2 about the floe's axis [kg m²], shape (n,), for ice of the given density [kg/m³]."""
+        """m r² / 2 about the floe's axis [kg m²], shape (n,), for ice of a density [kg/m³]."""
         return 0.5 * self.mass(density) * self.radius**2
 
     def add(
@@ -259,7 +260,8 @@ class Floes:
     def concatenate(groups: Sequence["Floes"]) -> "Floes":
         """All floes of some groups in one, numbered in the order given; inactive ones stay so.
 
-        They rotate if any group does; those of the other groups get angle and angular velocity zero.
+        They rotate if any group does; those of the other groups get angle and angular velocity
+        zero.
         """
         floes = Floes([], [], [], [], rotation=any(group.rotation for group in groups))
         floes._reserve(sum(len(group) for group in groups))

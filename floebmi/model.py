@@ -447,10 +447,7 @@ class Model:
 
     def longest_step(self) -> float:
         """The step that would be taken now [s]; inf where nothing limits it."""
-        advance = self._advance_object()
-        advance.start()
-        self._state.counters.rebuilds -= 1
-        return advance.longest_step()
+        return self._now().longest_step()
 
     def contacts(self) -> Contacts:
         """The pairs that push or hold each other now, and their forces."""

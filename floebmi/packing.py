@@ -1,12 +1,13 @@
 """Where the floes lie at the start: scattered, on a lattice, from gridded fields, from files.
 
-Scattering is done in three steps.  *String*: the floes are laid, in random order, along a space-filling
-(Hilbert) curve through the places where ice may be, each taking as much of the curve as its area asks
-for; so every part of the domain has its share of ice from the start, and no ice has to travel far.
-Large floes are laid first, and smaller ones around them.  *Press*: floes that overlap are pushed apart, pair
-by pair, in sweeps.  *Swap*: every few sweeps a squeezed floe changes radius with a slightly smaller
-one that is less squeezed.  The set of sizes stays as drawn, and discs of a size ratio of 2 reach 0.88, where
-pressing alone jams at 0.84.  Floes of a single size are shaken instead, and order into grains.
+Scattering is done in three steps.  *String*: the floes are laid, in random order, along a
+space-filling (Hilbert) curve through the places where ice may be, each taking as much of the curve
+as its area asks for; so every part of the domain has its share of ice from the start, and no ice
+has to travel far. Large floes are laid first, and smaller ones around them.  *Press*: floes that
+overlap are pushed apart, pair by pair, in sweeps.  *Swap*: every few sweeps a squeezed floe changes
+radius with a slightly smaller one that is less squeezed.  The set of sizes stays as drawn, and
+discs of a size ratio of 2 reach 0.88, where pressing alone jams at 0.84.  Floes of a single size
+are shaken instead, and order into grains.
 """
 
 import csv
@@ -64,8 +65,8 @@ def scatter(
     ----------
     domain : floes cross periodic edges, and lie wholly inside the others
     sizes : the distribution of radii
-    concentration : area of floes over the area of the domain that is not land, met within 0.5 %.  About 0.85
-        is reached by any sizes, 0.88 by radii that differ by a factor of 2
+    concentration : area of floes over the area of the domain that is not land, met within 0.5 %.
+        About 0.85 is reached by any sizes, 0.88 by radii that differ by a factor of 2
     count : number of floes, in place of a concentration
     thickness : of all floes [m]
     seed : of the random numbers; the same seed gives the same floes, bit for bit
@@ -144,16 +145,16 @@ def from_field(
 ) -> Floes:
     """Floes that hold the ice of gridded fields.
 
-    Floes are drawn until the ice area inside the domain is met; each cell gets the floes for its own ice
-    area, within about half a floe, and what is over or short is carried to a neighbouring cell.  Floes do not
-    reach into dry cells or land.
+    Floes are drawn until the ice area inside the domain is met; each cell gets the floes for its
+    own ice area, within about half a floe, and what is over or short is carried to a neighbouring
+    cell.  Floes do not reach into dry cells or land.
 
     Parameters
     ----------
     grid : of the fields; its dry cells are land
     area_fraction : of each cell [1], shape (grid.size,) or grid.shape
-    thickness : of the ice in each cell [m] (not its mean over ice and water), same shapes, or one number.
-        A floe gets the thickness of the cell that it was drawn for
+    thickness : of the ice in each cell [m] (not its mean over ice and water), same shapes, or one
+        number. A floe gets the thickness of the cell that it was drawn for
     sizes : the distribution of radii
     domain : default the box around the grid's nodes, with inactive edges
     seed : of the random numbers; the same seed gives the same floes, bit for bit
@@ -164,7 +165,8 @@ def from_field(
     Warns
     -----
     IceNotPlaced
-        with the area that was left out because of `max_concentration`, and that of floes that found no room.
+        with the area that was left out because of `max_concentration`, and that of floes that found
+        no room.
 
     Raises
     ------
@@ -210,6 +212,8 @@ def from_field(
     ground = _ground(domain, barrier, len(radius), grid)
     _spread(ground, grid, ice)
     x, y, cell, left = _settle(radius, ground, domain, rng)
+    if left.any():
+        left = _thin_out(x, y, radius, ground, domain)
     capped = wanted - float(ice.sum())
     lost = float(np.pi * np.sum(radius[left] ** 2))
     told = [
@@ -239,10 +243,10 @@ def regular(
 ) -> Floes:
     """Equal floes on a lattice.
 
-    Rows run along x; of a hexagonal lattice they are √3/2 spacings apart, and every other one is shifted.
-    Between edges that are not periodic the lattice is centred, with all floes wholly inside.  Along a
-    period the lattice is stretched or squeezed to the nearest whole (hexagonal, along y: even) number of rows,
-    and to meet a concentration, by up to a tenth along x against y.
+    Rows run along x; of a hexagonal lattice they are √3/2 spacings apart, and every other one is
+    shifted. Between edges that are not periodic the lattice is centred, with all floes wholly
+    inside.  Along a period the lattice is stretched or squeezed to the nearest whole (hexagonal,
+    along y: even) number of rows, and to meet a concentration, by up to a tenth along x against y.
 
     Parameters
     ----------
@@ -257,7 +261,8 @@ def regular(
     Raises
     ------
     InputError
-        if floes would overlap, or no whole number of rows gives the concentration; it says the nearest.
+        if floes would overlap, or no whole number of rows gives the concentration; it says the
+        nearest.
     """
     check_domain(domain)
     if lattice not in ("hexagonal", "square"):
@@ -274,15 +279,16 @@ def regular(
         best = _rows(domain, radius, spacing, lattice)
         if best.nearest < 2 * radius * (1 - 1e-12):
             raise InputError(
-                f"spacing = {spacing} m: whole rows along the period are {best.nearest:.6g} m apart, "
-                f"less than 2 radii, {2 * radius:g} m; choose a larger spacing"
+                f"spacing = {spacing} m: whole rows along the period are {best.nearest:.6g} m "
+                f"apart, less than 2 radii, {2 * radius:g} m; choose a larger spacing"
             )
     else:
         if not 0 < concentration < 1:
             raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
         per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
         ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
-        # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
+        # edges leave bare strips, so the spacing that gives the concentration can be far below the
+        # ideal
         trials = [
             _rows(domain, radius, ideal * factor, lattice, stretch)
             for factor in np.linspace(1.1, 0.6, 251)
@@ -292,11 +298,11 @@ def regular(
         fitting = [rows for rows in trials if rows.nearest >= 2 * radius * (1 - 1e-12)]
         best = min(
             fitting,
-            key=lambda rows: (max(abs(rows.count / target - 1), CLOSE_ENOUGH), rows.stretch),
+            key=lambda rows: (max(abs(rows.floes / target - 1), CLOSE_ENOUGH), rows.stretch),
             default=None,
         )
-        if best is None or abs(best.count / target - 1) > WHOLE_ROWS:
-            nearest = 0.0 if best is None else best.count / target * concentration
+        if best is None or abs(best.floes / target - 1) > WHOLE_ROWS:
+            nearest = 0.0 if best is None else best.floes / target * concentration
             raise InputError(
                 f"concentration = {concentration:g}: no whole number of rows comes within 3 % "
                 f"without overlap; nearest that fits: {nearest:.4g}"
@@ -312,8 +318,8 @@ def read_floes(
 
     CSV: a header line with the columns x, y, radius or area, and, where wanted, thickness, u, v,
     motion, angle, angular_velocity, in SI units, in any order and case; other columns are not read.
-    GeoJSON: Points with the property radius or area, or Polygons, which become discs of the same area
-    about their centroid; the other columns are properties.
+    GeoJSON: Points with the property radius or area, or Polygons, which become discs of the same
+    area about their centroid; the other columns are properties.
 
     Parameters
     ----------
@@ -358,8 +364,8 @@ def read_floes(
 def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
     """Press floes apart, in place, until none overlap or they are jammed.
 
-    Floes with a prescribed motion stay where they are, velocities stay as they are.  At closed edges floes are
-    moved wholly inside.
+    Floes with a prescribed motion stay where they are, velocities stay as they are.  At closed
+    edges floes are moved wholly inside.
 
     Parameters
     ----------
@@ -384,7 +390,7 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
 
 
 class _Rows(NamedTuple):
-    """A lattice: steps [m], number of floes in even and odd rows, number of rows, shift of odd rows."""
+    """A lattice: steps [m], floes in even and odd rows, number of rows, shift of odd rows."""
 
     dx: float
     dy: float
@@ -395,7 +401,7 @@ class _Rows(NamedTuple):
     stretch: float  # of the lattice along x against y, 0 if there is none
 
     @property
-    def count(self) -> int:
+    def floes(self) -> int:
         return self.even * ((self.rows + 1) // 2) + self.odd * (self.rows // 2)
 
     @property
@@ -518,7 +524,7 @@ def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict
 
 
 class _Barrier(NamedTuple):
-    """Land: its area in the domain [m²], fixed discs (k, 3) of x, y, radius that guard it, where it is."""
+    """Land: its area in the domain [m²], discs (k, 3) of x, y, radius that guard it, its place."""
 
     area: float
     discs: np.ndarray
@@ -576,8 +582,8 @@ def _barrier(
 def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray:
     """Small discs along a shore such that a floe that overlaps none of them does not cross it.
 
-    Between two points a distance 2q apart a disc of radius r could reach √(r² + q²) − r ≤ q²/2r across:
-    that is the radius of the guards.
+    Between two points a distance 2q apart a disc of radius r could reach √(r² + q²) − r ≤ q²/2r
+    across: that is the radius of the guards.
     """
     step = SHORE_STEP * smallest
     west, south, east, north = segments.T
@@ -679,16 +685,17 @@ def _check_fit(radius: np.ndarray, domain: Domain) -> None:
         side, diameters = high - low, 2 if length is None else 4
         if largest * diameters * (1 + SPARE) / 2 > side / 2:
             raise InputError(
-                f"domain.{axis}: {side:g} m; must be at least {diameters} radii of the largest floe, "
-                f"{largest * diameters:g} m"
+                f"domain.{axis}: {side:g} m; must be at least {diameters} radii of the largest "
+                f"floe, {largest * diameters:g} m"
             )
 
 
 class _Ground(NamedTuple):
     """A raster over the domain, along a Hilbert curve: cell k of the curve has column[k], row[k].
 
-    `group` is the grid cell that holds the raster cell's centre (0 without a grid), -1 where no ice may be;
-    `ice` is the area of ice wanted there [m²]; `clear` the distance to land [m], or None without land.
+    `group` is the grid cell that holds the raster cell's centre (0 without a grid), -1 where no ice
+    may be; `ice` is the area of ice wanted there [m²]; `clear` the distance to land [m], or None
+    without land.
     """
 
     shape: tuple[int, int]
@@ -796,12 +803,12 @@ def _settle(
     domain: Domain,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pack, and lay floes that found no room elsewhere nearby: x, y, grid cell, and which are still left."""
+    """Pack, and lay floes that found no room elsewhere nearby: x, y, grid cell, and who is left."""
     from scipy.spatial import cKDTree
 
     x, y, group = _pack(radius, ground, domain, rng)
     free = np.ones(len(x), bool)
-    left = _unplaced(x, y, radius, ground.barrier, domain)
+    left = _unplaced(x, y, radius, ground.barrier, domain) > 0
     for _ in range(ROUNDS):
         # many floes without room are no bad luck
         if not left.any() or np.count_nonzero(left) > max(10, 0.1 * len(left)):
@@ -816,9 +823,38 @@ def _settle(
             at = ground.centres(place)
             near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
             x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
-        _press(x, y, radius, free, ground.barrier.discs, domain, EDGES_KEPT, rng=rng)
-        left = _unplaced(x, y, radius, ground.barrier, domain)
+        _press(
+            x,
+            y,
+            radius,
+            free,
+            ground.barrier.discs,
+            domain,
+            EDGES_KEPT,
+            rng=rng,
+            idle=ground.grid is None,
+        )
+        left = _unplaced(x, y, radius, ground.barrier, domain) > 0
     return x, y, group, left
+
+
+def _thin_out(
+    x: np.ndarray, y: np.ndarray, radius: np.ndarray, ground: _Ground, domain: Domain
+) -> np.ndarray:
+    """Take floes away, the worst first, and press the others apart: which are gone in the end."""
+    gone = np.zeros(len(x), bool)
+    while True:
+        kept = np.flatnonzero(~gone)
+        here = x[kept], y[kept], radius[kept]
+        bad = _unplaced(*here, ground.barrier, domain)
+        if not bad.any():
+            return gone
+        gone[kept[(bad > 0) & (bad >= np.median(bad[bad > 0]))]] = True
+        kept = np.flatnonzero(~gone)
+        here, free = (x[kept], y[kept], radius[kept]), np.ones(len(kept), bool)
+        if len(kept):
+            _press(*here, free, ground.barrier.discs, domain, EDGES_KEPT)
+        x[kept], y[kept] = here[:2]
 
 
 def _pack(
@@ -843,10 +879,11 @@ def _pack(
         laid = np.concatenate([laid, new])
         here = x[laid], y[laid], radius[laid]
         free = np.ones(len(laid), bool)
-        if number == classes[-1]:
-            _press(*here, free, ground.barrier.discs, domain, EDGES_KEPT, rng=rng)
+        shore = ground.barrier.discs
+        if number != classes[-1]:
+            _press(*here, free, shore, domain, EDGES_KEPT, sweeps=100)
         else:
-            _press(*here, free, ground.barrier.discs, domain, EDGES_KEPT, sweeps=100)
+            _press(*here, free, shore, domain, EDGES_KEPT, rng=rng, idle=ground.grid is None)
         x[laid], y[laid], radius[laid] = here
     return x, y, group
 
@@ -927,11 +964,14 @@ def _press(
     walls: tuple[str, ...],
     sweeps: int | None = None,
     rng: np.random.Generator | None = None,
+    idle: bool = True,
 ) -> float:
-    """Push floes apart, in place, until none overlap; the largest overlap left, over the smaller radius.
+    """Push floes apart, in place; the largest overlap left, over the smaller radius.
 
-    Floes stay inside edges that are one of the words in `walls`, and clear of the fixed `discs`.  With `rng`, radii
-    are swapped among the floes, or floes of a single size shaken.
+    Floes stay inside edges that are one of the words in `walls`, and clear of the fixed `discs`.
+    With `rng`, radii are swapped among the floes, or floes of a single size shaken.  In fields of
+    ice `idle` floes, that touch nothing, keep their radius, or swaps would carry ice from dense
+    parts to thin ones.
     """
     n = len(x)
     all_x, all_y, size = (
@@ -953,7 +993,8 @@ def _press(
         ]
     )
     lengths = np.array([np.inf if length is None else length for length in domain.period])
-    # what is fixed needs no skin; five times its radius, a guard of the shore still does not reach the next
+    # what is fixed needs no skin; five times its radius, a guard of the shore still does not reach
+    # the next
     still = np.maximum(discs[:, 2], 5 * discs[:, 2].min(initial=np.inf))
     typical = float(np.median(pressed[:n]))
     # a pair must not be able to meet across two sides of a period, see find_pairs
@@ -977,7 +1018,8 @@ def _press(
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
         steps, worst, moved = _push(
             all_x, all_y, pressed, mobile, i, j, lengths, box, n, start_x, start_y,
-            skin / 2 - grown, SPARE, every - done % every, OVERSHOOT if done < 0.8 * sweeps else CALM,
+            skin / 2 - grown, SPARE, every - done % every,
+            OVERSHOOT if done < 0.8 * sweeps else CALM,
         )  # fmt: skip
         done += steps
         complete = moved + grown < skin / 2  # no pair has come near that is not in the list
@@ -990,7 +1032,9 @@ def _press(
                 all_x[:n] += rng.normal(0.0, shake, n)
                 all_y[:n] += rng.normal(0.0, shake, n)
             else:
-                grown += _swap(size, pressed, squeezed, order, rng)
+                apart = int(np.exp(rng.uniform(0.0, np.log(max(n // 8, 1)))))
+                first = int(rng.integers(0, 2 * apart))
+                grown += _swap(size, pressed, squeezed, order, apart, first, idle)
     _wrap(all_x[:n], all_y[:n], domain)
     x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
     _, i, j = find_pairs(all_x, all_y, size, domain.period)
@@ -998,43 +1042,18 @@ def _press(
     return _worst(all_x, all_y, size, n, i, j, lengths)
 
 
-def _swap(
-    size: np.ndarray,
-    pressed: np.ndarray,
-    squeezed: np.ndarray,
-    order: np.ndarray,
-    rng: np.random.Generator,
-) -> float:
-    """Swap radii where the larger of two floes is squeezed more than the difference; largest growth [m].
-
-    `order` sorts the floes by radius, and is kept so.  To first order, giving the smaller radius to the floe with
-    the larger sum of overlaps lowers Σ overlap² / 2.
-    """
-    n = len(order)
-    if n < 2:
-        return 0.0
-    apart = int(np.exp(rng.uniform(0.0, np.log(max(n // 8, 1)))))
-    first = int(rng.integers(0, 2 * apart))
-    blocks = (n - first) // (2 * apart)
-    rank = (first + np.arange(blocks * 2 * apart)).reshape(blocks, 2, apart)
-    low, high = rank[:, 0].ravel(), rank[:, 1].ravel()
-    small, large = order[low], order[high]
-    swap = squeezed[large] - squeezed[small] > pressed[large] - pressed[small]
-    small, large, low, high = small[swap], large[swap], low[swap], high[swap]
-    growth = float((pressed[large] - pressed[small]).max(initial=0.0))
-    for values in (size, pressed):
-        values[small], values[large] = values[large], values[small]
-    order[low], order[high] = large, small
-    return growth
-
-
 def _unplaced(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray, barrier: _Barrier, domain: Domain
 ) -> np.ndarray:
-    """Floes to take away so that none overlap and none lie on land; of a pair the smaller, the worst first."""
+    """How bad the place of each floe is, 0 for those that may stay.
+
+    If the others are taken away, none of those that stay overlap or lie on land.  Of a pair it is
+    the smaller floe that goes, the worst pair first; bad is the overlap over its radius, and
+    infinite on land.
+    """
     n = len(x)
     if n == 0:
-        return np.zeros(0, bool)
+        return np.zeros(0)
     left = barrier.holds(x, y)
     all_x, all_y, size = (
         np.concatenate(pair) for pair in zip((x, y, radius), barrier.discs.T, strict=True)
@@ -1044,6 +1063,7 @@ def _unplaced(
     ):
         if length is None:
             left |= (centre - radius < low) | (centre + radius > high)
+    bad = np.where(left, np.inf, 0.0)
     _, i, j = find_pairs(all_x, all_y, size, domain.period)
     i, j = _some_free(i, j, np.arange(len(size)) < n)
     overlap = size[i] + size[j] - _distance(all_x, all_y, i, j, domain)
@@ -1052,9 +1072,9 @@ def _unplaced(
             break
         a, b = (i[k], j[k]) if size[i[k]] < size[j[k]] else (j[k], i[k])
         smaller, larger = (a, b) if a < n else (b, a)
-        if not left[smaller] and (larger >= n or not left[larger]):
-            left[smaller] = True
-    return left
+        if bad[smaller] == 0 and (larger >= n or bad[larger] == 0):
+            bad[smaller] = overlap[k] / size[smaller]
+    return bad
 
 
 def _some_free(i: np.ndarray, j: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -1094,7 +1114,8 @@ def _push(
 ):  # fmt: skip
     """Sweep over the pairs until overlaps are below `enough` or a floe has moved by `slack`.
 
-    Returns sweeps done, largest overlap met in the last one over the smaller radius, largest distance moved.
+    Returns sweeps done, largest overlap met in the last one over the smaller radius, largest
+    distance moved.
     """
     west, east, south, north = box
     length_x, length_y = lengths
@@ -1170,3 +1191,25 @@ def _squeeze(x, y, r, i, j, lengths, total):
         if overlap > 0.0:
             total[i[p]] += overlap
             total[j[p]] += overlap
+
+
+@jit
+def _swap(size, pressed, squeezed, order, apart, first, idle):
+    """Swap radii where the larger of two floes is squeezed the more; the largest growth [m].
+
+    `order` sorts the floes by radius, and is kept so; partners are `apart` in it, in blocks from
+    `first` on.  To first order, giving the smaller radius to the floe with the larger sum of
+    overlaps lowers Σ overlap² / 2. `idle`: whether floes that touch nothing take part.
+    """
+    growth = 0.0
+    for start in range(first, order.size - 2 * apart + 1, 2 * apart):
+        for low in range(start, start + apart):
+            high = low + apart
+            small, large = order[low], order[high]
+            difference = pressed[large] - pressed[small]
+            if squeezed[large] - squeezed[small] > difference and (idle or squeezed[small] > 0.0):
+                size[small], size[large] = size[large], size[small]
+                pressed[small], pressed[large] = pressed[large], pressed[small]
+                order[low], order[high] = large, small
+                growth = max(growth, difference)
+    return growth

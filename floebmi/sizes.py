@@ -1,8 +1,8 @@
 """How large the floes are: distributions of the radius by number of floes.
 
-A distribution is a NamedTuple of numbers, so that a scene file, the Python API and a file's attributes
-say it in the same words.  Each one draws radii, and knows its mean disc area, from which a packing
-estimates how many floes it needs.
+A distribution is a NamedTuple of numbers, so that a scene file, the Python API and a file's
+attributes say it in the same words.  Each one draws radii, and knows its mean disc area, from which
+a packing estimates how many floes it needs.
 """
 
 import csv
@@ -43,7 +43,8 @@ class PowerLaw(NamedTuple):
         chance = rng.random(n)
         power = self.exponent + 1.0
         span = math.log(self.radius_max / self.radius_min)
-        # the inverse of the cumulative distribution, written so that it holds at exponent = -1 and near it
+        # the inverse of the cumulative distribution, written so that it holds at exponent = -1 and
+        # near it
         if power == 0.0:
             log_r = chance * span
         else:
@@ -166,7 +167,8 @@ def check_sizes(sizes: Sizes) -> None:
     """
     if not isinstance(sizes, Sizes):
         raise InputError(
-            f"sizes = {sizes!r}: must be a PowerLaw, UniformSize, SingleSize, Histogram or Empirical"
+            f"sizes = {sizes!r}: must be a PowerLaw, UniformSize, SingleSize, Histogram or "
+            "Empirical"
         )
     name = type(sizes).__name__
     if isinstance(sizes, Histogram):
@@ -246,8 +248,8 @@ def from_file(path: str | Path) -> Histogram | Empirical:
     else:
         if columns[1][-1] != 0:
             raise InputError(
-                f"{path}: row {len(rows) + 1}, column {header[1].strip()!r}: {columns[1][-1]:g} must "
-                "be 0 or empty, for the last row only closes the last bin"
+                f"{path}: row {len(rows) + 1}, column {header[1].strip()!r}: {columns[1][-1]:g} "
+                "must be 0 or empty, for the last row only closes the last bin"
             )
         sizes = Histogram(tuple(columns[0]), tuple(columns[1][:-1]))
     try:

@@ -23,7 +23,7 @@ def discs(coast):
 
 
 def places_behind_the_coast(coast, floe_radius, depth, within):
-    """Where a floe of some radius, coming from the sea, gets its centre deeper than `depth` into land."""
+    """Area that centres of floes from the sea reach deeper than `depth` in the land."""
     land = land_geometry(coast.polygons)
     open_to_centres = within.difference(discs(coast).buffer(floe_radius, quad_segs=32))
     parts = shapely.get_parts(open_to_centres)

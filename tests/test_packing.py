@@ -254,6 +254,49 @@ def make_grids():
     return uniform, curved
 
 
+def total(grid, values, size=4):
+    """Sums over blocks of size x size cells of a 12 x 16 grid."""
+    row, column = np.divmod(np.arange(grid.size), 16)
+    return np.bincount(row // size * 4 + column // size, values)
+
+
+@pytest.mark.parametrize("grid", make_grids(), ids=lambda grid: grid.kind)
+@pytest.mark.parametrize(
+    "sizes, error", [(UniformSize(60.0, 120.0), 0.03), (PowerLaw(40.0, 900.0), 0.15)], ids=str
+)
+def test_floes_from_a_field_hold_its_ice_where_it_lies(grid, sizes, error):
+    fraction, thickness = ice_edge(grid)
+    floes = from_field(grid, fraction, thickness, sizes, seed=4)
+    ice = np.where(grid.wet, fraction, 0.0) * grid.area
+    domain = Domain((grid.node_x.min(), grid.node_x.max()), (grid.node_y.min(), grid.node_y.max()))
+    half_a_floe = 0.5 * np.pi * sizes.range[1] ** 2
+    assert abs(floes.area.sum() - ice.sum()) <= max(half_a_floe, 0.005 * ice.sum())
+    assert largest_overlap(floes, domain) <= 1e-9
+    found = cells_of(floes, grid)
+    assert found[~grid.wet].sum() == 0.0
+    # in blocks of 16 km², more or less ice by a share of the block that grows with the largest
+    # floes
+    assert abs(total(grid, found - ice)).max() < error * 16e6
+    assert floes.volume.sum() == pytest.approx(np.sum(ice * thickness), rel=error / 3)
+    # negative control: the same floes mirrored do not fit the field
+    floes.x = domain.x[0] + domain.x[1] - floes.x
+    assert abs(total(grid, cells_of(floes, grid) - ice)).max() > 0.4 * 16e6
+
+
+def test_each_cell_gets_its_ice_within_about_half_a_floe():
+    grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
+    fraction = np.linspace(0.02, 0.15, 64)
+    floes = from_field(grid, fraction, 1.0, SingleSize(25.0), seed=2)
+    found = np.bincount(grid.locate(floes.x, floes.y), minlength=64)
+    wanted = fraction * grid.area / (np.pi * 25.0**2)
+    # half a floe at both ends of its piece of the string, and two that were pressed across
+    assert abs(found - wanted).max() <= 3.0
+    assert abs(found.sum() - wanted.sum()) <= 0.5
+    # negative control: floes thrown anywhere in proportion are off by their square root
+    thrown = np.random.default_rng(1).multinomial(len(floes), wanted / wanted.sum())
+    assert abs(thrown - wanted).max() > 8.0
+
+
 def test_a_floe_has_the_thickness_of_its_cell():
     grid = Grid.uniform((0.0, 4e3), (0.0, 4e3), shape=(4, 4))
     thickness = 1.0 + np.arange(16.0)
