@@ -6,10 +6,9 @@ Names are imported when they are first used, so that `import floebmi` stays quic
 import importlib
 from typing import TYPE_CHECKING
 
+from floebmi.bmi import FloeBmi  # at once: BMI tools look classes up in a module's __dict__
+
 if TYPE_CHECKING:
-    from floebmi.bmi import (
-        FloeBmi as FloeBmi,
-    )
     from floebmi.bonds import (
         TensileStrength as TensileStrength,
     )
@@ -163,7 +162,6 @@ _HOME = {
     "Model": "model",
     "run": "running",
     "read_scene": "scene",
-    "FloeBmi": "bmi",
     "InputError": "errors",
     "StabilityError": "errors",
     "relax": "packing",
@@ -174,7 +172,7 @@ _HOME = {
     "Function": "forcing",
     "read_scalar": "forcing",
 }
-__all__ = [*_HOME, "__version__"]
+__all__ = [*_HOME, "FloeBmi", "__version__"]
 __version__ = "0.1.0"
 
 

@@ -86,9 +86,9 @@ class Ledger:
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for a restart file."""
         return {
-            "ledger_start": self.start,
-            "ledger_now": self.now,
-            "ledger_turnover": self.turnover,
+            "ledger_start": self.start.copy(),
+            "ledger_now": self.now.copy(),
+            "ledger_turnover": self.turnover.copy(),
             "ledger_accounts": np.array(list(self.accounts), dtype=np.str_),
             "ledger_rows": np.array(list(self.accounts.values())).reshape(-1, 4),
         }

@@ -68,7 +68,7 @@ class Fluid:
     coriolis : Coriolis parameter [1/s], or None
     impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
     last_x, last_y : the part of it from the last exchange [N s]
-    magnitude : ∫ |stress| dt over the last exchange, per cell [N s/m²]
+    magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²]
     coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]
     undelivered : impulse (x, y) that found no wet cell [N s]
     """

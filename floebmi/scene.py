@@ -678,7 +678,7 @@ class Scene(Table):
         groups = []
         for k, group in enumerate(self.floes):
             with self._place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
-                groups.append(group.move(self._arrange(group, k, domain, grid, land)))
+                groups.append(group.move(self._arrange(group, k, domain, grid, coast)))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
         with self._place(""):
             model = Model(
@@ -796,7 +796,7 @@ class Scene(Table):
         )  # fmt: skip
 
     def _arrange(
-        self, group: Any, k: int, domain: Domain, grid: Grid | None, land: list[np.ndarray]
+        self, group: Any, k: int, domain: Domain, grid: Grid | None, land: "Coast | None"
     ) -> Floes:
         from floebmi import packing
 
@@ -808,7 +808,7 @@ class Scene(Table):
                 raise InputError("give either concentration or count")
             return packing.scatter(
                 region, self._sizes(group.size), concentration=group.concentration,
-                count=group.count, thickness=group.thickness, seed=seed, land=land or None,
+                count=group.count, thickness=group.thickness, seed=seed, land=land,
             )  # fmt: skip
         if isinstance(group, Regular):
             if (group.concentration is None) == (group.spacing is None):
@@ -823,7 +823,7 @@ class Scene(Table):
             fraction, thickness = self._ice_fields(group, grid)
             return packing.from_field(
                 grid, fraction, thickness, self._sizes(group.size), seed=seed, domain=domain,
-                land=land or None,
+                land=land,
             )  # fmt: skip
         if isinstance(group, FromFile):
             return packing.read_floes(
