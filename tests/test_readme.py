@@ -1,5 +1,6 @@
 """The README's script and commands are true."""
 
+import os
 import re
 import subprocess
 import sys
@@ -18,7 +19,8 @@ def test_the_readmes_script_runs_and_conserves(tmp_path):
     prelude = "import matplotlib\nmatplotlib.use('Agg')\n"
     done = subprocess.run(
         [sys.executable, "-c", prelude + script + check],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(README.parent)},
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "residual" in done.stdout
