@@ -12,10 +12,10 @@ import numpy as np
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, prepare
-from floebmi.dynamics import BLOCK, Step, taylor, touch, verlet
+from floebmi.dynamics import BUFFER, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import BOOKED, Force, at_floes, extend, fastest_rate, speed_bound
+from floebmi.forces import BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
 from floebmi.pack import (
     PairList,
     Stiffest,
@@ -31,9 +31,8 @@ from floebmi.pack import (
 )
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
-SKIN = (
-    0.3  # of the smallest radius; wider where sizes differ much, since few of the pairs then move
-)
+# Of the smallest radius; wider where sizes differ much, since few of the pairs then move.
+SKIN = 0.3
 
 
 @dataclass
@@ -91,7 +90,7 @@ class Advance:
         self.still = self.walls is not None or None in self.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(4)
-        self.buffer = np.empty(15 * BLOCK)
+        self.buffer = np.empty(BUFFER)
 
     # ---- packing and the list ----------------------------------------------------------------------
 
@@ -217,8 +216,9 @@ class Advance:
                 force, radius, thickness, self.draft_fraction * thickness, self.density,
                 self.floes.rotation, self.floes.land[new],
             )  # fmt: skip
-            # until the next exchange a new floe feels what the floe listed last feels
-            self.at[k] = extend(self.at[k], more)
+            # fluids are read once an exchange: a floe that comes in between meets them at the next
+            joined = np.concatenate([self.at[k], without_fluid(more)])
+            self.at[k] = joined.view(np.recarray)
 
     # ---- stepping ----------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import numpy as np
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
-from floebmi.quantities import Positive
+from floebmi.quantities import NonNegative, Positive, check
 from floebmi.sizes import Sizes, check_sizes
 
 Edge = Literal["inactive", "periodic", "closed"]
@@ -74,7 +74,7 @@ class Wall(NamedTuple):
     velocity: float = 0.0
     normal_stress: float | None = None
     mass: Positive | None = None
-    damping: float = 1.0
+    damping: NonNegative = 1.0
 
 
 class Inflow(NamedTuple):
@@ -129,6 +129,7 @@ def build_walls(
     InputError
         for an unknown or periodic edge, two walls at one edge, or a loaded wall that has nothing to load.
     """
+    check(walls)
     listed = {}
     for wall in walls:
         _check_edge("wall", wall.edge, domain)
@@ -173,6 +174,7 @@ class Feeder:
 
     def __init__(self, inflow: Inflow, domain: Domain) -> None:
         _check_edge("inflow", inflow.edge, domain)
+        check([inflow])
         check_sizes(inflow.sizes)
         self.inflow, self.domain = inflow, domain
         self.axis = _AXIS[inflow.edge]

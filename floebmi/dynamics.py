@@ -28,6 +28,7 @@ BLOCK = (
 # no later pair reads what an earlier one wrote.
 FX, FY, TORQUE_I, TORQUE_J = (row * BLOCK for row in range(4))
 DX, DY, R_I, R_J, H_I, H_J, DU, DV, W, OMEGA_I, OMEGA_J = (row * BLOCK for row in range(4, 15))
+BUFFER = 15 * BLOCK
 
 
 class Step(NamedTuple):
@@ -464,7 +465,7 @@ def verlet(
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way."""
     p = packed
-    buffer = np.empty(15 * BLOCK)
+    buffer = np.empty(BUFFER)
     done = 0
     while done < steps and travelled < half_skin:
         kick(p.motion, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
@@ -498,7 +499,7 @@ def taylor(
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
     """
     p = packed
-    buffer = np.empty(15 * BLOCK)
+    buffer = np.empty(BUFFER)
     done = 0
     while done < steps and travelled < half_skin:
         lost = touch(

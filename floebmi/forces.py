@@ -86,6 +86,15 @@ class BodyForce(NamedTuple):
 
 Force = OceanDrag | AirDrag | Coriolis | CoriolisField | Tilt | BodyForce
 
+ACCOUNTS: dict[type, str] = {  # of each force, its line in the ledger
+    OceanDrag: "ocean drag",
+    AirDrag: "wind",
+    Coriolis: "Coriolis",
+    CoriolisField: "Coriolis",
+    Tilt: "sea-surface tilt",
+    BodyForce: "body force",
+}
+
 DRAG_PRESETS: dict[str, tuple[OceanDrag, AirDrag]] = {
     # as printed, Eqs 12 and 13
     "damsgaard2018": (OceanDrag(), AirDrag()),
@@ -145,12 +154,12 @@ def at_floes(
     return at
 
 
-def extend(at: np.ndarray, more: np.ndarray) -> np.ndarray:
-    """With further floes behind; until the next exchange they feel the fluid of the last one."""
-    for name in ("u", "v", "spin"):
-        if name in at.dtype.names and len(at):
-            more[name] = at[name][-1]
-    return np.concatenate([at, more]).view(np.recarray)
+def without_fluid(at: np.ndarray) -> np.ndarray:
+    """The same floes before they have met a fluid: no drag until it is read at them."""
+    for name in ("rate", "spin_rate"):
+        if name in at.dtype.names:
+            at[name] = 0.0
+    return at
 
 
 # ---- the laws in the kernel -------------------------------------------------------------------------

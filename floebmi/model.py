@@ -28,6 +28,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
 from floebmi.forces import (
+    ACCOUNTS,
     AirDrag,
     BodyForce,
     Coriolis,
@@ -182,10 +183,9 @@ class Model:
     # ---- checks ------------------------------------------------------------------------------------
 
     def _check_laws(self) -> None:
-        known = (OceanDrag, AirDrag, Coriolis, CoriolisField, Tilt, BodyForce)
         for force in self.forces:
-            if not isinstance(force, known):
-                names = ", ".join(kind.__name__ for kind in known)
+            if type(force) not in ACCOUNTS:
+                names = ", ".join(kind.__name__ for kind in ACCOUNTS)
                 raise InputError(f"forces: {force!r} is not a force; allowed: {names}")
         names = [type(force).__name__ for force in self.forces]
         for name in set(names):
@@ -384,7 +384,7 @@ class Model:
     def _give_back(self, weights: dict[int, Weights], known: int, duration: float) -> None:
         """Book the forces; the fluids get the opposite of the impulse that their drag gave."""
         for force, at in zip(self.forces, self._at, strict=True):
-            name = _ACCOUNTS[type(force)]
+            name = ACCOUNTS[type(force)]
             self._state.ledger.book(name, x=at.x.sum(), y=at.y.sum(), energy=at.work.sum())
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
@@ -404,9 +404,8 @@ class Model:
             fluid.impulse_x += fluid.last_x
             fluid.impulse_y += fluid.last_y
             lost = without_cell(w)
-            # a floe that came in during the interval has no weights yet
             for axis, values in enumerate((at.x, at.y)):
-                fluid.undelivered[axis] -= values[:known][lost].sum() + values[known:].sum()
+                fluid.undelivered[axis] -= values[:known][lost].sum()
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""
@@ -696,16 +695,6 @@ class Model:
         side = f.thickness[ice] * (share if isinstance(drag, OceanDrag) else 1.0 - share)
         values = bulk_coefficient(drag, f.radius[ice], side)
         return float(values.min()), float(values.max())
-
-
-_ACCOUNTS = {
-    OceanDrag: "ocean drag",
-    AirDrag: "wind",
-    Coriolis: "Coriolis",
-    CoriolisField: "Coriolis",
-    Tilt: "sea-surface tilt",
-    BodyForce: "body force",
-}
 
 
 def _fit(memory: PairList, n: int) -> PairList:

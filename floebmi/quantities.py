@@ -1,49 +1,63 @@
 """Number types that carry their constraint: one declaration serves Python, scene files and docs."""
 
 import math
-from collections.abc import Iterable
-from typing import Annotated, get_type_hints
+import numbers
+import operator
+from collections.abc import Iterable, Iterator
+from typing import Annotated, get_args, get_type_hints
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le
 
 from floebmi.errors import InputError
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
-Fraction = Annotated[float, Ge(0), Le(1)]
 PositiveFraction = Annotated[float, Gt(0), Le(1)]
 PoissonRatio = Annotated[float, Ge(0), Le(0.5)]
 
-_WORDS = {Gt: "greater than", Ge: "at least", Lt: "less than", Le: "at most"}
+_BOUNDS = {
+    Gt: ("gt", operator.gt, "greater than"),
+    Ge: ("ge", operator.ge, "at least"),
+    Le: ("le", operator.le, "at most"),
+}
 
 
-def check(values: Iterable[object], where: str = "") -> None:
-    """Check each law (a NamedTuple of annotated numbers) against its own declaration.
+def check(laws: Iterable[object]) -> None:
+    """Check each law (a NamedTuple of annotated numbers) against its own declaration; None passes.
 
     Raises
     ------
     InputError
-        naming the law, the parameter, its value and the bound.
+        naming the law, the parameter, its value and what would be right.
     """
-    for law in values:
+    for law in laws:
         if law is None:
             continue
         hints = get_type_hints(type(law), include_extras=True)
         for name, value in law._asdict().items():
-            place = f"{where}{type(law).__name__}.{name}"
-            for bound in getattr(hints[name], "__metadata__", ()):
-                limit = next(iter(vars_of(bound).values()))
-                if not isinstance(value, (int, float)) or not math.isfinite(value):
-                    raise InputError(f"{place} = {value!r}: must be a finite number")
-                inside = {
-                    Gt: value > limit,
-                    Ge: value >= limit,
-                    Lt: value < limit,
-                    Le: value <= limit,
-                }[type(bound)]
-                if not inside:
-                    raise InputError(f"{place} = {value!r}: must be {_WORDS[type(bound)]} {limit}")
+            _check_number(f"{type(law).__name__}.{name}", value, hints[name])
 
 
-def vars_of(bound: object) -> dict[str, float]:
-    return {name: getattr(bound, name) for name in bound.__slots__ or bound.__dataclass_fields__}
+def _check_number(place: str, value: object, hint: object) -> None:
+    parts = list(_parts(hint))
+    if float not in parts or (value is None and type(None) in parts):
+        return
+    values = value if tuple in parts and isinstance(value, tuple) else (value,)
+    for one in values:
+        number = isinstance(one, numbers.Real) and not isinstance(one, bool)
+        if not (number and math.isfinite(one)):
+            raise InputError(f"{place} = {value!r}: must be a finite number")
+        for part in parts:
+            if type(part) in _BOUNDS:
+                name, holds, words = _BOUNDS[type(part)]
+                limit = getattr(part, name)
+                if not holds(one, limit):
+                    raise InputError(f"{place} = {value!r}: must be {words} {limit}")
+
+
+def _parts(hint: object) -> Iterator[object]:
+    """A type, what it is made of, and the bounds that it carries."""
+    yield getattr(hint, "__origin__", hint)
+    yield from getattr(hint, "__metadata__", ())
+    for inner in get_args(hint):
+        yield from _parts(inner)

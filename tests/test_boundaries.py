@@ -5,6 +5,7 @@ import pytest
 
 from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, Elastic, Restitution, frictional
+from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag
@@ -104,6 +105,19 @@ def test_an_inflow_adds_floes_as_soon_as_there_is_room_and_books_their_mass():
     assert (np.pi * floes.radius[top] ** 2).sum() > 0.4 * 100 * 15  # the edge is kept full
 
 
+def test_a_floe_that_comes_in_meets_the_wind_at_the_next_exchange_and_nothing_is_lost():
+    inflow = Inflow("north", SingleSize(4.0), velocity=(0.0, -0.5))
+    model = Model(box(), Floes([], [], [], []), Contact(), [AirDrag()], inflow=inflow)
+    model.atmosphere.u[:] = 20.0
+    model.advance(5.0)
+    assert len(model.floes) and not model.floes.u.any()
+    model.advance(5.0)
+    assert (model.floes.u[:3] > 0).all()
+    given = model.atmosphere.impulse_x.sum() + model.atmosphere.undelivered[0]
+    assert given == pytest.approx(-model.ledger.accounts["wind"][1], rel=1e-12)
+    assert not model.atmosphere.undelivered.any()
+
+
 def test_the_same_seed_feeds_the_same_floes_and_another_seed_others():
     def run(seed):
         inflow = Inflow("north", UniformSize(2.0, 4.0), velocity=(0.0, -0.5))
@@ -176,6 +190,14 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(walls=[Wall("west")], contact=None), "contact law"),
         (dict(inflow=Inflow("west", SingleSize(80.0))), "narrower"),
         (dict(sampling="exact"), "sampling"),
+        (dict(walls=[Wall("west", position=np.nan)]), "Wall.position"),
+        (dict(walls=[Wall("west", normal_stress=1e3, mass=-1.0)]), "Wall.mass"),
+        (dict(walls=[Wall("west", normal_stress=1e3, damping=-1.0)]), "Wall.damping"),
+        (dict(inflow=Inflow("west", SingleSize(5.0), thickness=-1.0)), "Inflow.thickness"),
+        (dict(inflow=Inflow("west", SingleSize(5.0), velocity=(np.nan, 0.0))), "Inflow.velocity"),
+        (dict(step=Step(epsilon=-1.0)), "Step.epsilon"),
+        (dict(step=Step(length=0.0)), "Step.length"),
+        (dict(step=Step(fraction=1.5)), "Step.fraction"),
     ],
 )
 def test_walls_and_inflows_that_cannot_be_are_refused(laws, word):

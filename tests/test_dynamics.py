@@ -37,9 +37,8 @@ def test_a_floe_bounces_off_a_fixed_one_as_in_the_reference_code():
 def test_an_oblique_collision_follows_elastic_theory(step):
     floes = Floes([0.0, 19.0], [10.0, 0.0], 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
     Model(DOMAIN, floes, contact=Contact(), step=step).advance(30.0)
-    # the line of centres at impact, for stiff floes: sin of its angle is 10/20
-    assert np.hypot(floes.u[0], floes.v[0]) == pytest.approx(0.1, rel=2e-3)
-    assert (floes.u[0], floes.v[0]) == pytest.approx((-0.05, 0.0866), rel=2e-2)
+    # of rigid floes: the line of centres at impact has sin = 10/20; ours are a little soft
+    assert (floes.u[0], floes.v[0]) == pytest.approx((-0.05, 0.05 * np.sqrt(3)), rel=2e-3)
 
 
 def oscillation_error(scheme, step):
@@ -54,7 +53,7 @@ def oscillation_error(scheme, step):
 def test_the_order_of_each_scheme_is_as_stated(scheme, order):
     errors = [oscillation_error(scheme, step) for step in (0.01, 0.005, 0.0025)]
     rates = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert rates == pytest.approx(order, abs=0.25) or (rates > order).all()
+    assert rates == pytest.approx(order, abs=0.1)
 
 
 def drift_error(step):
@@ -236,7 +235,7 @@ def test_a_scene_moved_by_4000_km_gives_the_same_way():
         return floes.x - shift, floes.y.copy()
 
     for here, there in zip(run(0.0), run(4.0e6), strict=True):
-        assert there == pytest.approx(here, abs=2e-8)
+        assert there == pytest.approx(here, abs=100 * np.spacing(4.0e6))
 
 
 def test_held_axes_keep_their_velocity_and_the_held_force_is_booked():

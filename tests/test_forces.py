@@ -35,11 +35,10 @@ def printed_ocean_rate(radius, thickness):
     return k / (934.0 * np.pi * radius**2 * thickness)
 
 
-@pytest.mark.parametrize("contact", [None, Contact()])
-@pytest.mark.parametrize("duration", [1.0, 600.0, 86400.0])
+@pytest.mark.parametrize(
+    "contact, duration", [(None, 1.0), (None, 600.0), (None, 86400.0), (Contact(), 600.0)]
+)
 def test_a_floe_in_still_water_slows_down_as_the_exact_solution(contact, duration):
-    if contact and duration > 600:
-        pytest.skip("many steps for the same statement")
     model = one(u=0.3, v=-0.4, forces=[OceanDrag()], contact=contact)
     model.advance(duration)
     slowed = 0.5 / (1 + 0.5 * printed_ocean_rate(100.0, 1.0) * duration)
@@ -119,7 +118,7 @@ def test_a_body_force_is_an_acceleration():
     model = one(forces=[BodyForce(0.0, -0.5)])
     model.advance(4.0)
     assert model.floes.v[0] == pytest.approx(-2.0)
-    assert model.floes.y[0] == pytest.approx(-4.0, rel=0.3)
+    assert model.floes.y[0] == pytest.approx(-4.0)
 
 
 @pytest.mark.parametrize(
@@ -215,6 +214,8 @@ def test_nan_in_a_wet_cell_is_refused_with_field_cell_and_time_and_nothing_moves
     "forces, word",
     [
         ([OceanDrag(density=-1.0)], "OceanDrag.density"),
+        ([BodyForce(np.nan, 0.0)], "BodyForce.x = nan: must be a finite number"),
+        ([Coriolis(np.inf)], "Coriolis.parameter"),
         ([OceanDrag(), OceanDrag()], "listed 2 times"),
         ([Coriolis(1e-4), CoriolisField()], "exclude"),
         (["wind"], "is not a force"),
@@ -223,3 +224,7 @@ def test_nan_in_a_wet_cell_is_refused_with_field_cell_and_time_and_nothing_moves
 def test_forces_that_cannot_be_right_are_refused(forces, word):
     with pytest.raises(InputError, match=word):
         one(forces=forces)
+
+
+def test_a_numpy_number_is_a_number():
+    one(forces=[OceanDrag(density=np.int64(1000)), Coriolis(np.float32(1e-4))])
