@@ -12,7 +12,7 @@ import numpy as np
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, prepare
-from floebmi.dynamics import BUFFER, Step, taylor, touch, verlet
+from floebmi.dynamics import PAIR_BUFFER, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
@@ -90,7 +90,7 @@ class Advance:
         self.still = self.walls is not None or None in self.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(4)
-        self.buffer = np.empty(BUFFER)
+        self.buffer = np.empty(PAIR_BUFFER)
 
     # ---- packing and the list ----------------------------------------------------------------------
 
@@ -103,8 +103,8 @@ class Advance:
         self._list(self.state.memory, np.arange(len(self.floes)))
 
     def _list(self, old: PairList, old_place: np.ndarray) -> None:
-        self.packed = pack(self.floes, self.contact, self.density, self.state.previous)
-        radius = self.packed.place.r[~self.packed.land]
+        self.packed = pack(self.floes, self.density, self.state.previous)
+        radius = self.packed.floes.r[~self.packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.skin = SKIN * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
@@ -125,7 +125,7 @@ class Advance:
 
     def _pack(self, old: PairList, old_place: np.ndarray) -> None:
         self._list(old, old_place)
-        self.here = tuple(at[self.packed.number] for at in self.at)
+        self.here = tuple(at[:, self.packed.number] for at in self.at)
         self.travelled = 0.0
         self.state.counters.rebuilds += 1
 
@@ -134,11 +134,11 @@ class Advance:
 
     def _list_walls(self) -> None:
         self.walls_first = self.state.walls.position.copy()
-        place, floes, numbers = self.packed.place, [], []
+        records, floes, numbers = self.packed.floes, [], []
         if self.contact is not None:
-            near = place.r + self.skin
+            near = records.r + self.skin
             for w, wall in enumerate(self.state.walls):
-                across = place.x if wall.axis == 0 else place.y
+                across = records.x if wall.axis == 0 else records.y
                 close = np.flatnonzero(wall.side * (across - wall.position) < near)
                 floes.append(close)
                 numbers.append(np.full(len(close), w))
@@ -150,16 +150,16 @@ class Advance:
     def _touch(self, dt: float) -> None:
         p = self.packed
         touch(
-            self.contact, self.wall_law, *self.period, p.place, p.moving, p.spinning,
-            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded, self.pairs.damped,
-            self.walls, self.wall_floe, self.wall_number, self.wall_damped, dt, p.force, self.buffer,
+            self.contact, self.wall_law, *self.period, p.floes, p.spinning, self.pairs.i, self.pairs.j,
+            self.pairs.slip, self.pairs.bonded, self.pairs.damped, self.walls, self.wall_floe,
+            self.wall_number, self.wall_damped, dt, p.force, None, None, None, self.constraint,
+            self.buffer,
         )  # fmt: skip
 
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous)
         for at, here in zip(self.at, self.here, strict=True):
-            for name in BOOKED:
-                at[name][self.packed.number] = here[name]
+            at[BOOKED, self.packed.number] = here[BOOKED]
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -217,8 +217,7 @@ class Advance:
                 self.floes.rotation, self.floes.land[new],
             )  # fmt: skip
             # fluids are read once an exchange: a floe that comes in between meets them at the next
-            joined = np.concatenate([self.at[k], without_fluid(more)])
-            self.at[k] = joined.view(np.recarray)
+            self.at[k] = np.concatenate([self.at[k], without_fluid(more)], axis=1)
 
     # ---- stepping ----------------------------------------------------------------------------------
 
@@ -278,8 +277,8 @@ class Advance:
         """Sub-steps of the other forces: as many as keep |J| Δt small, so that nothing overshoots."""
         if not self.forces or not len(self.packed.number):
             return 1
-        motion, spinning = self.packed.motion, self.packed.spinning
-        speed = float(np.sqrt((motion.u**2 + motion.v**2).max()))
+        floes, spinning = self.packed.floes, self.packed.spinning
+        speed = float(np.sqrt((floes.u**2 + floes.v**2).max()))
         spin = 0.0 if spinning is None else float(np.abs(spinning.omega).max())
         speed = speed_bound(self.forces, self.here, speed)
         rate = sum(
@@ -314,12 +313,12 @@ class Advance:
 
     def _check(self, dt: float, done: float) -> None:
         """Stop, before anything is handed on, when the floes left what the step resolves."""
-        place, motion = self.packed.place, self.packed.motion
-        if not len(place):
+        floes = self.packed.floes
+        if not len(floes):
             return
-        speed = np.sqrt(motion.u**2 + motion.v**2)
+        speed = np.sqrt(floes.u**2 + floes.v**2)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
-        wild = ~(np.isfinite(speed) & np.isfinite(place.x) & np.isfinite(place.y))
+        wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
         if wild.any():
             floe = self.packed.number[np.argmax(wild)]
             raise StabilityError(
@@ -327,7 +326,7 @@ class Advance:
                 f"a step of {0.5 * dt:g} s may hold"
             )
         if self.contact is not None:
-            way = speed * dt / place.r
+            way = speed * dt / floes.r
             worst = int(np.argmax(way))
             if way[worst] > 0.5:
                 raise StabilityError(
@@ -341,16 +340,16 @@ class Advance:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
         rows = look(
-            self.contact, *self.period, p.place,
+            self.contact, *self.period, p.floes,
             self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
         )  # fmt: skip
         energy = float(rows[:, 9].sum())
         for w, wall in enumerate(walls):
-            place = p.place[self.wall_floe[self.wall_number == w]]
-            gap = wall.side * ((place.x if wall.axis == 0 else place.y) - wall.position) - place.r
+            near = p.floes[self.wall_floe[self.wall_number == w]]
+            gap = wall.side * ((near.x if wall.axis == 0 else near.y) - wall.position) - near.r
             pressed = np.minimum(gap, 0.0)
             if self.contact is not None:
-                k_n = self.contact.elastic.youngs_modulus * place.h
+                k_n = self.contact.elastic.youngs_modulus * near.h
                 energy += float((0.5 * k_n * pressed**2).sum())
         return energy
 

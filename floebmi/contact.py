@@ -152,6 +152,8 @@ class PairForce(NamedTuple):
     slip: float
     bonded: float
     damped: float  # the dashpot's part of f_n
+    blow_n: float  # impulse [N s] that ends the step beside half a step of f_n and f_t (eq. part-of-a-step)
+    blow_t: float
     friction_loss: float
     dashpot_loss: float
     bond_loss: float
@@ -188,19 +190,19 @@ def _(friction: Damsgaard2018Coulomb, radius, other_radius, gap):
 
 @dispatched
 def tangential(friction, k_n, f_n, slip, slip_rate, dt):
-    """Tangential force f_t on i, the slip remembered, the energy lost (eq. coulomb-friction)."""
+    """Tangential force on i before and now, the slip remembered, the energy lost (eq. coulomb-friction)."""
     k_t = k_n * stiffness_ratio(friction)
     tried = slip + slip_rate * dt
     limit = friction.coefficient * max(f_n, 0.0) / k_t
     kept = min(max(tried, -limit), limit)
     # the force is formed from the slip that is kept, so that forming it again gives the same bits;
     # the loss is what the mean force of the step does along the part of the slip that slid
-    return -k_t * kept, kept, 0.5 * k_t * (slip + kept) * (tried - kept)
+    return -k_t * slip, -k_t * kept, kept, 0.5 * k_t * (slip + kept) * (tried - kept)
 
 
 @tangential.register
 def _(friction: None, k_n, f_n, slip, slip_rate, dt):
-    return 0.0, 0.0, 0.0
+    return 0.0, 0.0, 0.0, 0.0
 
 
 @dispatched
@@ -214,27 +216,52 @@ def _(dashpot: None, k_n, inverse_mass):
     return 0.0
 
 
+@dispatched
+def time_in_contact(friction, gap, opening, dt):
+    """The part of a step [s] for which floes touched, their gap changing steadily (eq. part-of-a-step)."""
+    since = gap / opening if opening != 0.0 else 0.0  # the gap was zero
+    if gap < 0.0:
+        return min(since, dt) if opening < 0.0 else dt
+    return max(dt - since, 0.0) if opening > 0.0 else 0.0
+
+
+@time_in_contact.register
+def _(friction: Damsgaard2018Coulomb, gap, opening, dt):
+    return dt
+
+
 @jit
 def pair_force(
     law, gap, opening, slip_rate, r_i, r_j, h_i, h_j, inverse_mass, slip, bonded, damped_before, dt
 ):
     """The contact law: gap δ [m] and its rate, slip rate [m/s], and what the pair remembers.
 
-    Losses are what the mean of the force before and now does along the way between them, which is what
-    the two half kicks of a step do.
+    A step gives half of its time to the force before it and half to the force after it.  Where floes
+    touched for a part of the step only, the blow takes back what was too much of that one force; a bond
+    holds to the end of the step in which it breaks.  Losses are what the same forces do along the way.
     """
     k_n = stiffness(law.elastic, h_i, h_j)
     mean_radius = 2.0 * r_i * r_j / (r_i + r_j)
+    was_bonded = bonded > 0.0
     now_bonded = hold(law.bonds, gap, law.elastic.youngs_modulus, mean_radius, bonded)
     touching = gap < 0.0 or now_bonded > 0.0
     elastic = -k_n * gap if touching else 0.0
-    c = damping(law.dashpot, k_n, inverse_mass)
-    both = elastic - c * opening
+    both = elastic - damping(law.dashpot, k_n, inverse_mass) * opening
     # unless frozen together, floes do not pull each other as they part
     f_n = (both if now_bonded > 0.0 else max(both, 0.0)) if touching else 0.0
-    f_t, kept, friction_loss = tangential(law.friction, k_n, f_n, slip, slip_rate, dt)
-    bond_loss = 0.5 * k_n * gap * gap if bonded > 0.0 and not touching else 0.0
-    dashpot_loss = -0.5 * (damped_before + f_n - elastic) * opening * dt
+    damped = f_n - elastic
+    part = dt if was_bonded else time_in_contact(law.friction, gap, opening, dt)
+    f_t_before, f_t, kept, friction_loss = tangential(law.friction, k_n, f_n, slip, slip_rate, part)
+    f_n_before = max(damped_before - k_n * (gap - opening * dt), 0.0)
+    absent = 0.5 * (dt - part)
+    blow_n = -absent * (f_n if touching else f_n_before)
+    blow_t = -absent * (f_t if touching else f_t_before)
+    met = touching and part < dt  # a dashpot acts at once, with all its force
+    blow_n += 0.5 * part * damped if met else 0.0
+    breaks = was_bonded and not touching
+    blow_n = -0.5 * dt * k_n * gap if breaks else blow_n
+    bond_loss = 0.5 * k_n * gap * gap if breaks else 0.0
+    dashpot_loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
     return PairForce(
-        f_n, f_t, kept, now_bonded, f_n - elastic, friction_loss, dashpot_loss, bond_loss
+        f_n, f_t, kept, now_bonded, damped, blow_n, blow_t, friction_loss, dashpot_loss, bond_loss
     )

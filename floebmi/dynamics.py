@@ -5,8 +5,9 @@
 
 A step of the default scheme is kick, drift, touch, kick: half a velocity step under the contact forces,
 half a way, the other forces (forces.py, one linearly implicit step), the other half of the way, the contact
-forces at the new place, and the second half kick.  It is symmetric, of second order, and keeps the energy of
-an undamped pack.  `taylor2` and `taylor3` are the paper's schemes (Eq. 4 and its text).
+forces at the new place, and the second half kick.  It is of second order, and keeps the energy of an undamped
+pack.  A contact that opens or closes within a step acts only for its part of it (eq. part-of-a-step): `touch`
+strikes the two floes with the difference.  `taylor2` and `taylor3` are the paper's schemes (Eq. 4, its text).
 
 Kernels work on packed floes: active ones only, sorted in space, what a contact reads of a floe in one line
 of the cache.  Which fields exist, and which arrays, follows from the laws: see `pack.py`.
@@ -17,18 +18,36 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from floebmi.contact import lever_arm, pair_force
-from floebmi.forces import book, book_spin, total_acceleration, total_spin_up
+from floebmi.forces import (
+    A_X,
+    A_Y,
+    ALPHA,
+    BLOCK,
+    D_OMEGA,
+    D_U,
+    D_V,
+    FORCE_BUFFER,
+    J_XX,
+    J_XY,
+    J_YX,
+    J_YY,
+    OMEGA,
+    SLOPE,
+    U,
+    V,
+    accelerate,
+    book,
+    book_turn,
+    turn,
+)
 from floebmi.kernels import dispatched, jit
 from floebmi.quantities import Positive, PositiveFraction
 
-BLOCK = (
-    64  # pairs computed at a time: the buffers stay in the nearest cache, and the middle vectorises
-)
-# Rows of the buffer.  Results lie below what they are computed from: only so can the compiler see that
-# no later pair reads what an earlier one wrote.
+# Rows of the buffer of a block of pairs; as in forces.py, results lie below what they are computed from.
 FX, FY, TORQUE_I, TORQUE_J = (row * BLOCK for row in range(4))
-DX, DY, R_I, R_J, H_I, H_J, DU, DV, W, OMEGA_I, OMEGA_J = (row * BLOCK for row in range(4, 15))
-BUFFER = 15 * BLOCK
+BLOW_X, BLOW_Y, BLOW_I, BLOW_J = (row * BLOCK for row in range(4, 8))
+DX, DY, R_I, R_J, H_I, H_J, DU, DV, W, OMEGA_I, OMEGA_J = (row * BLOCK for row in range(8, 19))
+PAIR_BUFFER = 19 * BLOCK
 
 
 class Step(NamedTuple):
@@ -43,7 +62,7 @@ class Step(NamedTuple):
     """
 
     scheme: Literal["verlet", "taylor2", "taylor3"] = "verlet"
-    fraction: PositiveFraction = 0.15
+    fraction: PositiveFraction = 0.3
     epsilon: Positive | None = None
     length: Positive | None = None
 
@@ -112,11 +131,11 @@ def _(memory: None, p, value):
 
 
 @jit
-def kick(moving, spinning, force, inverse_x, inverse_y, inverse_spin, held, walls, dt, constraint):
+def kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, walls, dt, constraint):
     """Contact forces change the velocities for a time dt; held floes and walls are booked."""
     for k in range(inverse_x.size):
-        moving[k].u += dt * inverse_x[k] * force[k].x
-        moving[k].v += dt * inverse_y[k] * force[k].y
+        floes[k].u += dt * inverse_x[k] * force[k].x
+        floes[k].v += dt * inverse_y[k] * force[k].y
     kick_spin(spinning, force, inverse_spin, dt)
     for q in range(held.size):
         k = held[q]
@@ -124,7 +143,7 @@ def kick(moving, spinning, force, inverse_x, inverse_y, inverse_spin, held, wall
         y = 0.0 if inverse_y[k] > 0.0 else -dt * force[k].y
         constraint[0] += x
         constraint[1] += y
-        constraint[2] += x * moving[k].u + y * moving[k].v
+        constraint[2] += x * floes[k].u + y * floes[k].v
         constraint[2] += held_spin_work(spinning, force, inverse_spin, k, dt)
     kick_walls(walls, dt)
 
@@ -169,28 +188,47 @@ def _(spinning: None, force, inverse_spin, k, dt):
 
 @jit
 def drift(
-    forces, at, place, moving, spinning, angle, mass, inertia,
-    inverse_x, inverse_y, inverse_spin, walls, dt, substeps, constraint,
+    forces, at, floes, spinning, angle, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
+    walls, dt, substeps, constraint, buffer,
 ):  # fmt: skip
     """Half the way, the other forces, half the way; returns the largest speed² [m²/s²]."""
-    fastest = 0.0
     half = 0.5 * dt
     h = dt / substeps
-    for k in range(place.size):
-        floe = place[k]
-        motion = moving[k]
-        u, v = motion.u, motion.v
-        floe.x += half * u
-        floe.y += half * v
-        for _ in range(substeps):
-            u, v = push(
-                forces, at, k, u, v, mass[k], inverse_x[k] > 0.0, inverse_y[k] > 0.0, h, constraint
-            )
-        motion.u, motion.v = u, v
-        floe.x += half * u
-        floe.y += half * v
-        fastest = max(fastest, u * u + v * v)
-    drift_spin(spinning, forces, at, angle, inertia, inverse_spin, dt, substeps, constraint)
+    if len(forces) > 0:
+        for first in range(0, floes.size, BLOCK):
+            n = min(BLOCK, floes.size - first)
+            for k in range(n):
+                floe = floes[first + k]
+                floe.x += half * floe.u
+                floe.y += half * floe.v
+                buffer[U + k], buffer[V + k] = floe.u, floe.v
+            for _ in range(substeps):
+                push(forces, at, first, n, mass, inverse_x, inverse_y, held, h, constraint, buffer)
+            for k in range(n):
+                floe = floes[first + k]
+                floe.u, floe.v = buffer[U + k], buffer[V + k]
+        drift_spin(
+            spinning,
+            forces,
+            at,
+            angle,
+            inertia,
+            inverse_spin,
+            held,
+            dt,
+            substeps,
+            constraint,
+            buffer,
+        )
+    else:
+        half = dt
+        coast_spin(spinning, angle, dt)
+    fastest = 0.0
+    for k in range(floes.size):
+        floe = floes[k]
+        floe.x += half * floe.u
+        floe.y += half * floe.v
+        fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
     return max(fastest, drift_walls(walls, dt))
 
 
@@ -212,69 +250,118 @@ def _(walls: None, dt):
 
 
 @jit
-def push(forces, at, k, u, v, mass, free_x, free_y, h, constraint):
-    """The other forces: (1 − h/2 Σ J) δu = h Σ a, a held axis keeps its velocity."""
-    a = total_acceleration(forces, at, k, u, v)
-    ax, xx, xy = (a.x, a.xx, a.xy) if free_x else (0.0, 0.0, 0.0)
-    ay, yx, yy = (a.y, a.yx, a.yy) if free_y else (0.0, 0.0, 0.0)
+def push(forces, at, first, n, mass, inverse_x, inverse_y, held, h, constraint, buffer):
+    """The other forces on a block of floes: (1 − h/2 Σ J) δu = h Σ a; a held axis keeps its velocity."""
     half = 0.5 * h
-    m11, m12, m21, m22 = 1.0 - half * xx, -half * xy, -half * yx, 1.0 - half * yy
-    scale = h / (m11 * m22 - m12 * m21)
-    du = scale * (m22 * ax - m12 * ay)
-    dv = scale * (m11 * ay - m21 * ax)
-    book(forces, at, k, u, v, du, dv, mass * h)
-    if not free_x:
-        x = -mass * h * (a.x + 0.5 * (a.xx * du + a.xy * dv))
-        constraint[0] += x
-        constraint[2] += x * u
-    if not free_y:
-        y = -mass * h * (a.y + 0.5 * (a.yx * du + a.yy * dv))
-        constraint[1] += y
-        constraint[2] += y * v
-    return u + du, v + dv
+    buffer[A_X : J_YY + BLOCK] = 0.0
+    accelerate(forces, at, first, n, buffer)
+    for k in range(n):
+        floe = np.uintp(first + k)
+        free_x, free_y = inverse_x[floe] > 0.0, inverse_y[floe] > 0.0
+        ax, xx, xy = buffer[A_X + k], buffer[J_XX + k], buffer[J_XY + k]
+        ay, yx, yy = buffer[A_Y + k], buffer[J_YX + k], buffer[J_YY + k]
+        ax, xx, xy = (ax, xx, xy) if free_x else (0.0, 0.0, 0.0)
+        ay, yx, yy = (ay, yx, yy) if free_y else (0.0, 0.0, 0.0)
+        m11, m12, m21, m22 = 1.0 - half * xx, -half * xy, -half * yx, 1.0 - half * yy
+        scale = h / (m11 * m22 - m12 * m21)
+        buffer[D_U + k] = scale * (m22 * ax - m12 * ay)
+        buffer[D_V + k] = scale * (m11 * ay - m21 * ax)
+    book(forces, at, first, n, mass, h, buffer)
+    if held.size > 0:
+        hold_back(first, n, mass, inverse_x, inverse_y, h, constraint, buffer)
+    for k in range(n):
+        buffer[U + k] += buffer[D_U + k]
+        buffer[V + k] += buffer[D_V + k]
+
+
+@jit
+def hold_back(first, n, mass, inverse_x, inverse_y, h, constraint, buffer):
+    """What holds an axis takes up the other forces along it."""
+    for k in range(n):
+        du, dv = buffer[D_U + k], buffer[D_V + k]
+        if inverse_x[first + k] == 0.0:
+            a = buffer[A_X + k] + 0.5 * (buffer[J_XX + k] * du + buffer[J_XY + k] * dv)
+            x = -mass[first + k] * h * a
+            constraint[0] += x
+            constraint[2] += x * buffer[U + k]
+        if inverse_y[first + k] == 0.0:
+            a = buffer[A_Y + k] + 0.5 * (buffer[J_YX + k] * du + buffer[J_YY + k] * dv)
+            y = -mass[first + k] * h * a
+            constraint[1] += y
+            constraint[2] += y * buffer[V + k]
 
 
 @dispatched
-def drift_spin(spinning, forces, at, angle, inertia, inverse_spin, dt, substeps, constraint):
+def drift_spin(
+    spinning, forces, at, angle, inertia, inverse_spin, held, dt, substeps, constraint, buffer
+):
     half = 0.5 * dt
     h = dt / substeps
-    for k in range(angle.size):
-        omega = spinning[k].omega
-        angle[k] += half * omega
+    for first in range(0, angle.size, BLOCK):
+        n = min(BLOCK, angle.size - first)
+        for k in range(n):
+            buffer[OMEGA + k] = spinning[first + k].omega
+            angle[first + k] += half * buffer[OMEGA + k]
         for _ in range(substeps):
-            alpha, slope = total_spin_up(forces, at, k, omega)
-            free = inverse_spin[k] > 0.0
-            change = h * alpha / (1.0 - 0.5 * h * slope) if free else 0.0
-            book_spin(forces, at, k, omega, change, inertia[k] * h)
-            if not free:
-                constraint[2] -= inertia[k] * h * alpha * omega
-            omega += change
-        spinning[k].omega = omega
-        angle[k] += half * omega
+            buffer[ALPHA : SLOPE + BLOCK] = 0.0
+            turn(forces, at, first, n, buffer)
+            for k in range(n):
+                change = h * buffer[ALPHA + k] / (1.0 - 0.5 * h * buffer[SLOPE + k])
+                buffer[D_OMEGA + k] = change if inverse_spin[np.uintp(first + k)] > 0.0 else 0.0
+            book_turn(forces, at, first, n, inertia, h, buffer)
+            if held.size > 0:
+                for k in range(n):
+                    if inverse_spin[first + k] == 0.0:
+                        torque = inertia[first + k] * buffer[ALPHA + k]
+                        constraint[2] -= h * torque * buffer[OMEGA + k]
+            for k in range(n):
+                buffer[OMEGA + k] += buffer[D_OMEGA + k]
+        for k in range(n):
+            spinning[first + k].omega = buffer[OMEGA + k]
+            angle[first + k] += half * buffer[OMEGA + k]
 
 
 @drift_spin.register
-def _(spinning: None, forces, at, angle, inertia, inverse_spin, dt, substeps, constraint):
+def _(
+    spinning: None, forces, at, angle, inertia, inverse_spin, held, dt, substeps, constraint, buffer
+):
+    pass
+
+
+@dispatched
+def coast_spin(spinning, angle, dt):
+    """Without other forces floes just turn on."""
+    for k in range(angle.size):
+        angle[k] += dt * spinning[k].omega
+
+
+@coast_spin.register
+def _(spinning: None, angle, dt):
     pass
 
 
 @jit
 def touch(
-    law, wall_law, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded,
-    damped, walls, wall_floe, wall_number, wall_damped, dt, force, buffer,
+    law, wall_law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, walls,
+    wall_floe, wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint,
+    buffer,
 ):  # fmt: skip
-    """Contact forces at the present place; `dt` is the time over which contacts have slipped."""
+    """Contact forces at the present place; `dt` is the time over which contacts have slipped.
+
+    Floes whose contact opened or closed in that time are struck, unless `inverse_x` is None.
+    """
     for k in range(force.size):
         force[k].x = 0.0
         force[k].y = 0.0
     clear_torque(spinning, force)
     losses = touch_floes(
-        law, period_x, period_y, place, moving, spinning,
-        pair_i, pair_j, slip, bonded, damped, dt, force, buffer,
+        law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
+        inverse_x, inverse_y, inverse_spin, constraint, buffer,
     )  # fmt: skip
     wall_loss = touch_walls(
-        wall_law, place, moving, walls, wall_floe, wall_number, wall_damped, dt, force
-    )
+        wall_law, floes, walls, wall_floe, wall_number, wall_damped, dt, force,
+        inverse_x, inverse_y, constraint,
+    )  # fmt: skip
     return Losses(losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.broken)
 
 
@@ -291,22 +378,24 @@ def _(spinning: None, force):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded, damped, dt,
-    force, buffer,
+    law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
+    inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
     friction_loss, dashpot_loss, bond_loss, broken = 0.0, 0.0, 0.0, 0.0
     for first in range(0, pair_i.size, BLOCK):
         n = min(BLOCK, pair_i.size - first)
         for k in range(n):
             i, j = pair_i[first + k], pair_j[first + k]
-            one, other = place[i], place[j]
+            one, other = floes[i], floes[j]
             buffer[DX + k] = other.x - one.x
             buffer[DY + k] = other.y - one.y
             buffer[R_I + k] = one.r
             buffer[R_J + k] = other.r
             buffer[H_I + k] = one.h
             buffer[H_J + k] = other.h
-            gather_motion(moving, i, j, k, buffer)
+            buffer[DU + k] = other.u - one.u
+            buffer[DV + k] = other.v - one.v
+            buffer[W + k] = one.w + other.w
             gather_spin(spinning, i, j, k, buffer)
         for k in range(n):
             dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
@@ -317,13 +406,13 @@ def touch_floes(
             gap = distance - (r_i + r_j)
             a_i = lever_arm(law.friction, r_i, r_j, gap)
             a_j = lever_arm(law.friction, r_j, r_i, gap)
-            du, dv, inverse_mass = relative_motion(moving, k, buffer)
+            du, dv = buffer[DU + k], buffer[DV + k]
             opening = du * nx + dv * ny
             slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
             was_bonded = recall(bonded, first + k)
             f = pair_force(
                 law, gap, opening, slip_rate, r_i, r_j,
-                buffer[H_I + k], buffer[H_J + k], inverse_mass,
+                buffer[H_I + k], buffer[H_J + k], buffer[W + k],
                 recall(slip, first + k), was_bonded, recall(damped, first + k), dt,
             )  # fmt: skip
             remember(damped, first + k, f.damped)
@@ -337,6 +426,10 @@ def touch_floes(
             buffer[FY + k] = -f.f_n * ny + f.f_t * nx
             buffer[TORQUE_I + k] = f.f_t * a_i
             buffer[TORQUE_J + k] = f.f_t * a_j
+            buffer[BLOW_X + k] = -f.blow_n * nx - f.blow_t * ny
+            buffer[BLOW_Y + k] = -f.blow_n * ny + f.blow_t * nx
+            buffer[BLOW_I + k] = f.blow_t * a_i
+            buffer[BLOW_J + k] = f.blow_t * a_j
         for k in range(n):
             i, j = pair_i[first + k], pair_j[first + k]
             force[i].x += buffer[FX + k]
@@ -344,39 +437,19 @@ def touch_floes(
             force[j].x -= buffer[FX + k]
             force[j].y -= buffer[FY + k]
             scatter_torque(spinning, i, j, k, buffer, force)
+        strike_floes(
+            inverse_x, inverse_y, inverse_spin, floes, spinning, pair_i, pair_j, first, n,
+            constraint, buffer,
+        )  # fmt: skip
     return Losses(friction_loss, dashpot_loss, bond_loss, broken)
 
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, place, moving, spinning, pair_i, pair_j, slip, bonded, damped,
-    dt, force, buffer,
+    law: None, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
+    inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
     return Losses(0.0, 0.0, 0.0, 0.0)
-
-
-@dispatched
-def gather_motion(moving, i, j, k, buffer):
-    one, other = moving[i], moving[j]
-    buffer[DU + k] = other.u - one.u
-    buffer[DV + k] = other.v - one.v
-    buffer[W + k] = one.w + other.w
-
-
-@gather_motion.register
-def _(moving: None, i, j, k, buffer):
-    pass
-
-
-@dispatched
-def relative_motion(moving, k, buffer):
-    """Velocity of j relative to i [m/s], and 1/m_i + 1/m_j."""
-    return buffer[DU + k], buffer[DV + k], buffer[W + k]
-
-
-@relative_motion.register
-def _(moving: None, k, buffer):
-    return 0.0, 0.0, 1.0
 
 
 @dispatched
@@ -413,7 +486,69 @@ def _(spinning: None, i, j, k, buffer, force):
 
 
 @dispatched
-def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, wall_damped, dt, force):
+def strike_floes(
+    inverse_x,
+    inverse_y,
+    inverse_spin,
+    floes,
+    spinning,
+    pair_i,
+    pair_j,
+    first,
+    n,
+    constraint,
+    buffer,
+):
+    """Blows of the contacts that opened or closed: few, at once, of opposite sign on both floes."""
+    for k in range(n):
+        x, y = buffer[BLOW_X + k], buffer[BLOW_Y + k]
+        if x == 0.0 and y == 0.0:
+            continue
+        i, j = pair_i[first + k], pair_j[first + k]
+        strike(inverse_x, inverse_y, floes, i, x, y, constraint)
+        strike(inverse_x, inverse_y, floes, j, -x, -y, constraint)
+        strike_spin(inverse_spin, spinning, i, buffer[BLOW_I + k], constraint)
+        strike_spin(inverse_spin, spinning, j, buffer[BLOW_J + k], constraint)
+
+
+@strike_floes.register
+def _(
+    inverse_x: None, inverse_y, inverse_spin, floes, spinning, pair_i, pair_j, first, n, constraint,
+    buffer,
+):  # fmt: skip
+    pass
+
+
+@jit
+def strike(inverse_x, inverse_y, floes, k, x, y, constraint):
+    """An impulse on a floe; a held axis hands it on to what holds it."""
+    floes[k].u += inverse_x[k] * x
+    floes[k].v += inverse_y[k] * y
+    if inverse_x[k] == 0.0:
+        constraint[0] -= x
+        constraint[2] -= x * floes[k].u
+    if inverse_y[k] == 0.0:
+        constraint[1] -= y
+        constraint[2] -= y * floes[k].v
+
+
+@dispatched
+def strike_spin(inverse_spin, spinning, k, angular_impulse, constraint):
+    spinning[k].omega += inverse_spin[k] * angular_impulse
+    if inverse_spin[k] == 0.0:
+        constraint[2] -= angular_impulse * spinning[k].omega
+
+
+@strike_spin.register
+def _(inverse_spin: None, spinning, k, angular_impulse, constraint):
+    pass
+
+
+@dispatched
+def touch_walls(
+    wall_law, floes, walls, wall_floe, wall_number, wall_damped, dt, force, inverse_x, inverse_y,
+    constraint,
+):  # fmt: skip
     """Frictionless walls push floes that reach over them (eq. wall); returns the energy lost [J]."""
     loss = 0.0
     for w in range(walls.size):
@@ -421,38 +556,49 @@ def touch_walls(wall_law, place, moving, walls, wall_floe, wall_number, wall_dam
     for q in range(wall_floe.size):
         k = wall_floe[q]
         wall = walls[wall_number[q]]
-        floe = place[k]
-        across = floe.x if wall.axis == 0 else floe.y
-        gap = wall.side * (across - wall.position) - floe.r
-        opening, inverse_mass = wall_opening(moving, k, wall.axis, wall.side, wall.speed)
+        floe = floes[k]
+        along_x = wall.axis == 0
+        gap = wall.side * ((floe.x if along_x else floe.y) - wall.position) - floe.r
+        opening = wall.side * ((floe.u if along_x else floe.v) - wall.speed)
         f = pair_force(
-            wall_law, gap, opening, 0.0, floe.r, floe.r, floe.h, floe.h,
-            inverse_mass, 0.0, 0.0, recall(wall_damped, q), dt,
+            wall_law, gap, opening, 0.0, floe.r, floe.r, floe.h, floe.h, floe.w, 0.0, 0.0,
+            recall(wall_damped, q), dt,
         )  # fmt: skip
         remember(wall_damped, q, f.damped)
-        if wall.axis == 0:
+        if along_x:
             force[k].x += wall.side * f.f_n
         else:
             force[k].y += wall.side * f.f_n
         wall.force -= wall.side * f.f_n
+        strike_wall(inverse_x, inverse_y, floes, k, wall, along_x, wall.side * f.blow_n, constraint)
         loss += f.dashpot_loss
     return loss
 
 
 @touch_walls.register
-def _(wall_law: None, place, moving, walls, wall_floe, wall_number, wall_damped, dt, force):
+def _(
+    wall_law: None, floes, walls, wall_floe, wall_number, wall_damped, dt, force, inverse_x,
+    inverse_y, constraint,
+):  # fmt: skip
     return 0.0
 
 
 @dispatched
-def wall_opening(moving, k, axis, side, speed):
-    across = moving[k].u if axis == 0 else moving[k].v
-    return side * (across - speed), moving[k].w
+def strike_wall(inverse_x, inverse_y, floes, k, wall, along_x, impulse, constraint):
+    """The blow of a floe that met a wall or left it: on the floe, and its opposite on the wall."""
+    if impulse == 0.0:
+        return
+    x, y = (impulse, 0.0) if along_x else (0.0, impulse)
+    strike(inverse_x, inverse_y, floes, k, x, y, constraint)
+    change = -wall.inverse_mass * impulse
+    wall.impulse += impulse
+    wall.work += impulse * (wall.speed + 0.5 * change)
+    wall.speed += change
 
 
-@wall_opening.register
-def _(moving: None, k, axis, side, speed):
-    return 0.0, 1.0
+@strike_wall.register
+def _(inverse_x: None, inverse_y, floes, k, wall, along_x, impulse, constraint):
+    pass
 
 
 # ---- the schemes ------------------------------------------------------------------------------------
@@ -465,21 +611,21 @@ def verlet(
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way."""
     p = packed
-    buffer = np.empty(BUFFER)
+    pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done = 0
     while done < steps and travelled < half_skin:
-        kick(p.motion, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
              walls, 0.5 * dt, constraint)  # fmt: skip
         fastest = drift(
-            forces, at, p.place, p.motion, p.spinning, p.angle, p.mass, p.inertia,
-            p.inverse_x, p.inverse_y, p.inverse_spin, walls, dt, substeps, constraint,
+            forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x, p.inverse_y,
+            p.inverse_spin, p.held, walls, dt, substeps, constraint, force_buffer,
         )  # fmt: skip
         lost = touch(
-            law, wall_law, period_x, period_y, p.place, p.moving, p.spinning,
-            pairs.i, pairs.j, pairs.slip, pairs.bonded, pairs.damped, walls, wall_floe,
-            wall_number, wall_damped, dt, p.force, buffer,
+            law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
+            pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
+            p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
         )  # fmt: skip
-        kick(p.motion, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
              walls, 0.5 * dt, constraint)  # fmt: skip
         book_losses(losses, lost)
         travelled += dt * np.sqrt(fastest)
@@ -499,45 +645,49 @@ def taylor(
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
     """
     p = packed
-    buffer = np.empty(BUFFER)
+    pair_buffer, buffer = np.empty(PAIR_BUFFER), np.zeros(FORCE_BUFFER)
     done = 0
     while done < steps and travelled < half_skin:
         lost = touch(
-            law, wall_law, period_x, period_y, p.place, p.moving, p.spinning,
-            pairs.i, pairs.j, pairs.slip, pairs.bonded, pairs.damped, walls, wall_floe,
-            wall_number, wall_damped, dt, p.force, buffer,
+            law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
+            pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
+            None, None, None, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
         fastest = 0.0
-        for k in range(p.place.size):
-            floe, motion = p.place[k], p.motion[k]
-            other = total_acceleration(forces, at, k, motion.u, motion.v)
-            ax, ay = p.inverse_x[k] * p.force[k].x, p.inverse_y[k] * p.force[k].y
-            ox = other.x if p.inverse_x[k] > 0.0 else 0.0
-            oy = other.y if p.inverse_y[k] > 0.0 else 0.0
-            jerk_x = (ax - p.previous[k, 0]) if third_order else 0.0
-            jerk_y = (ay - p.previous[k, 1]) if third_order else 0.0
-            du = (ax + ox + 0.5 * jerk_x) * dt
-            dv = (ay + oy + 0.5 * jerk_y) * dt
-            book(forces, at, k, motion.u, motion.v, 0.0, 0.0, p.mass[k] * dt)
-            floe.x += (motion.u + (0.5 * (ax + ox) + jerk_x / 6.0) * dt) * dt
-            floe.y += (motion.v + (0.5 * (ay + oy) + jerk_y / 6.0) * dt) * dt
-            motion.u += du
-            motion.v += dv
-            p.previous[k, 0], p.previous[k, 1] = ax, ay
-            fastest = max(fastest, motion.u**2 + motion.v**2)
+        for first in range(0, p.floes.size, BLOCK):
+            n = min(BLOCK, p.floes.size - first)
+            for k in range(n):
+                buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
+            buffer[D_U : J_YY + BLOCK] = 0.0
+            accelerate(forces, at, first, n, buffer)
+            book(forces, at, first, n, p.mass, dt, buffer)
+            if p.held.size > 0:
+                hold_back(first, n, p.mass, p.inverse_x, p.inverse_y, dt, constraint, buffer)
+            for k in range(n):
+                floe, contact = p.floes[first + k], p.force[first + k]
+                inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
+                previous = p.previous[first + k]
+                ax, ay = inverse_x * contact.x, inverse_y * contact.y
+                ox = buffer[A_X + k] if inverse_x > 0.0 else 0.0
+                oy = buffer[A_Y + k] if inverse_y > 0.0 else 0.0
+                jerk_x = (ax - previous[0]) if third_order else 0.0
+                jerk_y = (ay - previous[1]) if third_order else 0.0
+                floe.x += (floe.u + (0.5 * (ax + ox) + jerk_x / 6.0) * dt) * dt
+                floe.y += (floe.v + (0.5 * (ay + oy) + jerk_y / 6.0) * dt) * dt
+                floe.u += (ax + ox + 0.5 * jerk_x) * dt
+                floe.v += (ay + oy + 0.5 * jerk_y) * dt
+                previous[0], previous[1] = ax, ay
+                fastest = max(fastest, floe.u**2 + floe.v**2)
         for q in range(p.held.size):
             k = p.held[q]
-            other = total_acceleration(forces, at, k, p.motion[k].u, p.motion[k].v)
             if p.inverse_x[k] == 0.0:
-                x = -dt * (p.force[k].x + p.mass[k] * other.x)
-                constraint[0] += x
-                constraint[2] += x * p.motion[k].u
+                constraint[0] -= dt * p.force[k].x
+                constraint[2] -= dt * p.force[k].x * p.floes[k].u
             if p.inverse_y[k] == 0.0:
-                y = -dt * (p.force[k].y + p.mass[k] * other.y)
-                constraint[1] += y
-                constraint[2] += y * p.motion[k].v
-        taylor_spin(p.spinning, third_order, forces, at, p, dt)
+                constraint[1] -= dt * p.force[k].y
+                constraint[2] -= dt * p.force[k].y * p.floes[k].v
+        taylor_spin(p.spinning, third_order, forces, at, p, dt, buffer)
         kick_walls(walls, dt)
         fastest = max(fastest, drift_walls(walls, dt))
         travelled += dt * np.sqrt(fastest)
@@ -546,20 +696,27 @@ def taylor(
 
 
 @dispatched
-def taylor_spin(spinning, third_order, forces, at, p, dt):
-    for k in range(p.angle.size):
-        omega = spinning[k].omega
-        other = total_spin_up(forces, at, k, omega)[0] if p.inverse_spin[k] > 0.0 else 0.0
-        alpha = p.inverse_spin[k] * p.force[k].torque
-        jerk = (alpha - p.previous[k, 2]) if third_order else 0.0
-        book_spin(forces, at, k, omega, 0.0, p.inertia[k] * dt)
-        p.angle[k] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
-        spinning[k].omega += (alpha + other + 0.5 * jerk) * dt
-        p.previous[k, 2] = alpha
+def taylor_spin(spinning, third_order, forces, at, p, dt, buffer):
+    for first in range(0, p.angle.size, BLOCK):
+        n = min(BLOCK, p.angle.size - first)
+        for k in range(n):
+            buffer[OMEGA + k] = spinning[first + k].omega
+        buffer[D_OMEGA : SLOPE + BLOCK] = 0.0
+        turn(forces, at, first, n, buffer)
+        book_turn(forces, at, first, n, p.inertia, dt, buffer)
+        for k in range(n):
+            floe = first + k
+            omega = buffer[OMEGA + k]
+            other = buffer[ALPHA + k] if p.inverse_spin[floe] > 0.0 else 0.0
+            alpha = p.inverse_spin[floe] * p.force[floe].torque
+            jerk = (alpha - p.previous[floe, 2]) if third_order else 0.0
+            p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
+            spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
+            p.previous[floe, 2] = alpha
 
 
 @taylor_spin.register
-def _(spinning: None, third_order, forces, at, p, dt):
+def _(spinning: None, third_order, forces, at, p, dt, buffer):
     pass
 
 

@@ -116,11 +116,12 @@ def bulk_coefficient(drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.nda
 # ---- what a force needs at each floe ----------------------------------------------------------------
 
 
-# A force at the floes is one record a floe (records, unlike tuples of arrays, cost a kernel nothing to hand on):
-# x, y, work: what the force gave to the floe since the records were made [N s], [J]
-# u, v: velocity of the fluid [m/s], or slope [1];  rate: K/m [1/m], or f [1/s]
-# spin: half the curl [1/s];  spin_rate: K/J of the torque [1]
-BOOKED = ("x", "y", "work")
+# A force at the floes is a table, a column for each floe, with as many of these rows as the force has use for:
+# impulse [N s] and work [J] given to the floe since the table was made; velocity of the fluid [m/s], or slope of
+# the sea surface [1]; K/m [1/m] of drag; half the curl of the fluid [1/s] and K/J [1] of its torque.
+X, Y, WORK, FLUID_U, FLUID_V, RATE, HALF_CURL, SPIN_RATE = range(8)
+PARAMETER = 3  # the Coriolis parameter [1/s], instead of a fluid
+BOOKED = slice(X, WORK + 1)
 
 
 def at_floes(
@@ -136,29 +137,26 @@ def at_floes(
 
     Returns
     -------
-    Record array of shape (n,) with the fields x, y, work and those that the force reads.
+    Array of shape (rows, n); the rows are X, Y, WORK and those that the force reads.
     """
     drag = isinstance(force, OceanDrag | AirDrag)
-    reads = {Tilt: ("u", "v"), CoriolisField: ("rate",)}.get(type(force), ())
+    rows = {Tilt: FLUID_V, CoriolisField: PARAMETER}.get(type(force), WORK)
     if drag:
-        reads = ("u", "v", "rate", "spin", "spin_rate") if rotation else ("u", "v", "rate")
-    names = (*BOOKED, *reads)
-    at = np.zeros(len(radius), [(name, np.float64) for name in names]).view(np.recarray)
+        rows = SPIN_RATE if rotation else RATE
+    at = np.zeros((rows + 1, len(radius)))
     if drag:
         side = draft if isinstance(force, OceanDrag) else thickness - draft
         mass_per_area = np.where(land, np.inf, ice_density * thickness)
-        at.rate = force.density * bulk_coefficient(force, radius, side) / mass_per_area
+        at[RATE] = force.density * bulk_coefficient(force, radius, side) / mass_per_area
         if rotation:  # eqs. ocean-torque, air-torque, over J = m r²/2
             arm = radius * force.horizontal / 5 + side * force.vertical
-            at.spin_rate = 2 * force.density * arm / mass_per_area
+            at[SPIN_RATE] = 2 * force.density * arm / mass_per_area
     return at
 
 
 def without_fluid(at: np.ndarray) -> np.ndarray:
     """The same floes before they have met a fluid: no drag until it is read at them."""
-    for name in ("rate", "spin_rate"):
-        if name in at.dtype.names:
-            at[name] = 0.0
+    at[RATE:] = 0.0
     return at
 
 
@@ -199,12 +197,12 @@ def quadratic_drag(rate, du, dv):
 
 @acceleration.register
 def _(force: OceanDrag, at, k, u, v):
-    return quadratic_drag(at[k].rate, at[k].u - u, at[k].v - v)
+    return quadratic_drag(at[RATE, k], at[FLUID_U, k] - u, at[FLUID_V, k] - v)
 
 
 @acceleration.register
 def _(force: AirDrag, at, k, u, v):
-    return quadratic_drag(at[k].rate, at[k].u - u, at[k].v - v)
+    return quadratic_drag(at[RATE, k], at[FLUID_U, k] - u, at[FLUID_V, k] - v)
 
 
 @acceleration.register
@@ -215,13 +213,15 @@ def _(force: Coriolis, at, k, u, v):
 
 @acceleration.register
 def _(force: CoriolisField, at, k, u, v):
-    f = at[k].rate
+    f = at[PARAMETER, k]
     return Push(f * v, -f * u, 0.0, f, -f, 0.0)
 
 
 @acceleration.register
 def _(force: Tilt, at, k, u, v):
-    return Push(-force.gravity * at[k].u, -force.gravity * at[k].v, 0.0, 0.0, 0.0, 0.0)
+    return Push(
+        -force.gravity * at[FLUID_U, k], -force.gravity * at[FLUID_V, k], 0.0, 0.0, 0.0, 0.0
+    )
 
 
 @acceleration.register
@@ -242,12 +242,12 @@ def quadratic_torque(spin_rate, slip):
 
 @spin_up.register
 def _(force: OceanDrag, at, k, omega):
-    return quadratic_torque(at[k].spin_rate, at[k].spin - omega)
+    return quadratic_torque(at[SPIN_RATE, k], at[HALF_CURL, k] - omega)
 
 
 @spin_up.register
 def _(force: AirDrag, at, k, omega):
-    return quadratic_torque(at[k].spin_rate, at[k].spin - omega)
+    return quadratic_torque(at[SPIN_RATE, k], at[HALF_CURL, k] - omega)
 
 
 def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: float) -> float:
@@ -255,15 +255,12 @@ def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: floa
     water, wind, push = 0.0, 0.0, 0.0
     drag, wind_drag = 0.0, 0.0
     for force, here in zip(forces, at, strict=True):
-        fastest = 0.0
-        if "u" in here.dtype.names:
-            fastest = float(np.sqrt((here.u**2 + here.v**2).max(initial=0.0)))
         if isinstance(force, OceanDrag):
-            water, drag = fastest, here.rate[here.rate > 0].min(initial=np.inf)
+            water, drag = _fastest(here), here[RATE][here[RATE] > 0].min(initial=np.inf)
         elif isinstance(force, AirDrag):
-            wind, wind_drag = fastest, here.rate.max(initial=0.0)
+            wind, wind_drag = _fastest(here), here[RATE].max(initial=0.0)
         elif isinstance(force, Tilt):
-            push += force.gravity * fastest
+            push += force.gravity * _fastest(here)
         elif isinstance(force, BodyForce):
             push += float(np.hypot(force.x, force.y))
     if drag > 0 and np.isfinite(drag):  # ocean drag balances wind and the rest
@@ -272,117 +269,156 @@ def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: floa
     return max(speed, wind)
 
 
+def _fastest(at: np.ndarray) -> float:
+    """Largest speed of a fluid at the floes."""
+    return float(np.sqrt((at[FLUID_U] ** 2 + at[FLUID_V] ** 2).max(initial=0.0)))
+
+
 def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> float:
     """Bound on |J| [1/s] while floes move no faster than `speed` and spin no faster than `spin`."""
     if isinstance(force, OceanDrag | AirDrag):
-        fluid = float(np.sqrt((at.u**2 + at.v**2).max(initial=0.0)))
-        rate = 2 * (speed + fluid) * at.rate.max(initial=0.0)
-        if "spin" in at.dtype.names:
-            turning = spin + np.abs(at.spin).max(initial=0.0)
-            rate = max(rate, 2 * turning * at.spin_rate.max(initial=0.0))
+        rate = 2 * (speed + _fastest(at)) * at[RATE].max(initial=0.0)
+        if len(at) > SPIN_RATE:
+            turning = spin + np.abs(at[HALF_CURL]).max(initial=0.0)
+            rate = max(rate, 2 * turning * at[SPIN_RATE].max(initial=0.0))
         return float(rate)
     if isinstance(force, Coriolis):
         return abs(force.parameter)
     if isinstance(force, CoriolisField):
-        return float(np.abs(at.rate).max(initial=0.0))
+        return float(np.abs(at[PARAMETER]).max(initial=0.0))
     return 0.0
 
 
 # ---- the sum over the forces that a scene lists: unrolled by the compiler, nothing for none ---------
 
+BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
+# Rows of the buffer of a block of floes.  Results lie below what they are computed from: only so can the
+# compiler see that no later floe reads what an earlier one wrote.
+BOOK_X, BOOK_Y, BOOK_WORK, D_U, D_V, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, U, V = (
+    row * BLOCK for row in range(13)
+)
+D_OMEGA, ALPHA, SLOPE, OMEGA = D_U, A_X, A_Y, U  # the same rows, when it is the turn of rotation
+FORCE_BUFFER = 13 * BLOCK
 
-def total_acceleration(forces, at, k, u, v):
-    """Σ a and Σ J over the forces."""
-    total = Push(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+def accelerate(forces, at, first, n, buffer):
+    """Add Σ a and Σ J of n floes from `first` on, at the velocities in the buffer, to the buffer."""
     for force, here in zip(forces, at, strict=True):
-        total = _plus(total, acceleration(force, here, k, u, v))
-    return total
+        _accelerate_one(force, here, first, n, buffer)
 
 
-def total_spin_up(forces, at, k, omega):
-    """Σ angular acceleration and its derivative over the forces."""
-    total = 0.0, 0.0
+def book(forces, at, first, n, mass, dt, buffer):
+    """Book the impulse m Δt (a + ½ J δu) of each force on n floes, and its work."""
     for force, here in zip(forces, at, strict=True):
-        one = spin_up(force, here, k, omega)
-        total = total[0] + one[0], total[1] + one[1]
-    return total
+        _book_one(force, here, first, n, mass, dt, buffer)
 
 
-def book(forces, at, k, u, v, du, dv, impulse):
-    """Book the impulse and work of each force on floe k; impulse is m Δt [kg s]."""
+def turn(forces, at, first, n, buffer):
+    """Add Σ angular acceleration and its derivative of n floes to the buffer."""
     for force, here in zip(forces, at, strict=True):
-        _book_one(force, here, k, u, v, du, dv, impulse)
+        _turn_one(force, here, first, n, buffer)
 
 
-def book_spin(forces, at, k, omega, change, impulse):
-    """Book the work of each force's torque on floe k; impulse is J Δt [kg m² s]."""
+def book_turn(forces, at, first, n, inertia, dt, buffer):
+    """Book the work of each force's torque on n floes."""
     for force, here in zip(forces, at, strict=True):
-        _book_one_spin(force, here, k, omega, change, impulse)
+        _book_turn_one(force, here, first, n, inertia, dt, buffer)
 
 
 @jit
-def _plus(a, b):
-    return Push(a.x + b.x, a.y + b.y, a.xx + b.xx, a.xy + b.xy, a.yx + b.yx, a.yy + b.yy)
+def _accelerate_one(force, at, first, n, buffer):
+    for k in range(n):
+        floe = np.uintp(first + k)  # unsigned: no wrap-around of negative indices
+        a = acceleration(force, at, floe, buffer[U + k], buffer[V + k])
+        buffer[A_X + k] += a.x
+        buffer[A_Y + k] += a.y
+        buffer[J_XX + k] += a.xx
+        buffer[J_XY + k] += a.xy
+        buffer[J_YX + k] += a.yx
+        buffer[J_YY + k] += a.yy
 
 
 @jit
-def _book_one(force, at, k, u, v, du, dv, impulse):
-    a = acceleration(force, at, k, u, v)
-    x = impulse * (a.x + 0.5 * (a.xx * du + a.xy * dv))
-    y = impulse * (a.y + 0.5 * (a.yx * du + a.yy * dv))
-    at[k].x += x
-    at[k].y += y
-    at[k].work += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+def _book_one(force, at, first, n, mass, dt, buffer):
+    for k in range(n):
+        floe = np.uintp(first + k)
+        u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
+        a = acceleration(force, at, floe, u, v)
+        x = mass[floe] * dt * (a.x + 0.5 * (a.xx * du + a.xy * dv))
+        y = mass[floe] * dt * (a.y + 0.5 * (a.yx * du + a.yy * dv))
+        buffer[BOOK_X + k] = x
+        buffer[BOOK_Y + k] = y
+        buffer[BOOK_WORK + k] = x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+    for k in range(n):
+        floe = np.uintp(first + k)
+        at[X, floe] += buffer[BOOK_X + k]
+        at[Y, floe] += buffer[BOOK_Y + k]
+        at[WORK, floe] += buffer[BOOK_WORK + k]
 
 
 @jit
-def _book_one_spin(force, at, k, omega, change, impulse):
-    alpha, slope = spin_up(force, at, k, omega)
-    at[k].work += impulse * (alpha + 0.5 * slope * change) * (omega + 0.5 * change)
+def _turn_one(force, at, first, n, buffer):
+    for k in range(n):
+        alpha, slope = spin_up(force, at, np.uintp(first + k), buffer[OMEGA + k])
+        buffer[ALPHA + k] += alpha
+        buffer[SLOPE + k] += slope
 
 
-@overload(total_acceleration)
-def _total_acceleration(forces, at, k, u, v):
+@jit
+def _book_turn_one(force, at, first, n, inertia, dt, buffer):
+    for k in range(n):
+        floe = np.uintp(first + k)
+        omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
+        alpha, slope = spin_up(force, at, floe, omega)
+        angular_impulse = inertia[floe] * dt * (alpha + 0.5 * slope * change)
+        buffer[BOOK_WORK + k] = angular_impulse * (omega + 0.5 * change)
+    for k in range(n):
+        at[WORK, np.uintp(first + k)] += buffer[BOOK_WORK + k]
+
+
+@overload(accelerate)
+def _accelerate(forces, at, first, n, buffer):
     if len(forces) == 0:
-        return lambda forces, at, k, u, v: Push(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return lambda forces, at, k, u, v: _plus(
-        acceleration(forces[0], at[0], k, u, v),
-        total_acceleration(forces[1:], at[1:], k, u, v),
-    )
+        return lambda forces, at, first, n, buffer: None
 
-
-@overload(total_spin_up)
-def _total_spin_up(forces, at, k, omega):
-    if len(forces) == 0:
-        return lambda forces, at, k, omega: (0.0, 0.0)
-
-    def total(forces, at, k, omega):
-        one = spin_up(forces[0], at[0], k, omega)
-        rest = total_spin_up(forces[1:], at[1:], k, omega)
-        return one[0] + rest[0], one[1] + rest[1]
-
-    return total
-
-
-@overload(book)
-def _book(forces, at, k, u, v, du, dv, impulse):
-    if len(forces) == 0:
-        return lambda forces, at, k, u, v, du, dv, impulse: None
-
-    def each(forces, at, k, u, v, du, dv, impulse):
-        _book_one(forces[0], at[0], k, u, v, du, dv, impulse)
-        book(forces[1:], at[1:], k, u, v, du, dv, impulse)
+    def each(forces, at, first, n, buffer):
+        _accelerate_one(forces[0], at[0], first, n, buffer)
+        accelerate(forces[1:], at[1:], first, n, buffer)
 
     return each
 
 
-@overload(book_spin)
-def _book_spin(forces, at, k, omega, change, impulse):
+@overload(book)
+def _book(forces, at, first, n, mass, dt, buffer):
     if len(forces) == 0:
-        return lambda forces, at, k, omega, change, impulse: None
+        return lambda forces, at, first, n, mass, dt, buffer: None
 
-    def each(forces, at, k, omega, change, impulse):
-        _book_one_spin(forces[0], at[0], k, omega, change, impulse)
-        book_spin(forces[1:], at[1:], k, omega, change, impulse)
+    def each(forces, at, first, n, mass, dt, buffer):
+        _book_one(forces[0], at[0], first, n, mass, dt, buffer)
+        book(forces[1:], at[1:], first, n, mass, dt, buffer)
+
+    return each
+
+
+@overload(turn)
+def _turn(forces, at, first, n, buffer):
+    if len(forces) == 0:
+        return lambda forces, at, first, n, buffer: None
+
+    def each(forces, at, first, n, buffer):
+        _turn_one(forces[0], at[0], first, n, buffer)
+        turn(forces[1:], at[1:], first, n, buffer)
+
+    return each
+
+
+@overload(book_turn)
+def _book_turn(forces, at, first, n, inertia, dt, buffer):
+    if len(forces) == 0:
+        return lambda forces, at, first, n, inertia, dt, buffer: None
+
+    def each(forces, at, first, n, inertia, dt, buffer):
+        _book_turn_one(forces[0], at[0], first, n, inertia, dt, buffer)
+        book_turn(forces[1:], at[1:], first, n, inertia, dt, buffer)
 
     return each

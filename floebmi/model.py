@@ -29,6 +29,13 @@ from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
 from floebmi.forces import (
     ACCOUNTS,
+    FLUID_U,
+    FLUID_V,
+    HALF_CURL,
+    PARAMETER,
+    RATE,
+    SPIN_RATE,
+    WORK,
     AirDrag,
     BodyForce,
     Coriolis,
@@ -36,6 +43,8 @@ from floebmi.forces import (
     Force,
     OceanDrag,
     Tilt,
+    X,
+    Y,
     at_floes,
     bulk_coefficient,
 )
@@ -364,16 +373,16 @@ class Model:
                 return gather(w, np.where(wet, field, 0.0))
 
             if isinstance(force, Tilt):
-                at.u, at.v = read(fluid.tilt_x), read(fluid.tilt_y)
+                at[FLUID_U], at[FLUID_V] = read(fluid.tilt_x), read(fluid.tilt_y)
             elif isinstance(force, CoriolisField):
-                at.rate = read(fluid.coriolis)
+                at[PARAMETER] = read(fluid.coriolis)
             else:
-                at.u, at.v = read(fluid.u), read(fluid.v)
+                at[FLUID_U], at[FLUID_V] = read(fluid.u), read(fluid.v)
                 nowhere = without_cell(w)
-                at.rate[nowhere] = 0.0  # no water, no drag
-                if "spin" in at.dtype.names:
-                    at.spin = read(0.5 * fluid.vorticity())
-                    at.spin_rate[nowhere] = 0.0
+                at[RATE, nowhere] = 0.0  # no water, no drag
+                if len(at) > SPIN_RATE:
+                    at[HALF_CURL] = read(0.5 * fluid.vorticity())
+                    at[SPIN_RATE, nowhere] = 0.0
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -385,7 +394,7 @@ class Model:
         """Book the forces; the fluids get the opposite of the impulse that their drag gave."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            self._state.ledger.book(name, x=at.x.sum(), y=at.y.sum(), energy=at.work.sum())
+            self._state.ledger.book(name, x=at[X].sum(), y=at[Y].sum(), energy=at[WORK].sum())
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             fluid, w = self._fluid_of(force), weights[id(self._fluid_of(force).grid)]
@@ -393,18 +402,20 @@ class Model:
             fluid.last_y[:] = 0.0
             fluid.magnitude[:] = 0.0
             fluid.coefficient[:] = 0.0
-            scatter(w, -at.x[:known], fluid.last_x)
-            scatter(w, -at.y[:known], fluid.last_y)
-            scatter(w, np.hypot(at.x, at.y)[:known], fluid.magnitude)
+            scatter(w, -at[X, :known], fluid.last_x)
+            scatter(w, -at[Y, :known], fluid.last_y)
+            scatter(w, np.hypot(at[X], at[Y])[:known], fluid.magnitude)
             fluid.magnitude /= fluid.grid.area
             f = self.floes
-            slip = np.hypot(at.u - f.u, at.v - f.v) * at.rate * f.mass(self.ice_density)
+            slip = (
+                np.hypot(at[FLUID_U] - f.u, at[FLUID_V] - f.v) * at[RATE] * f.mass(self.ice_density)
+            )
             scatter(w, np.where(f.active, slip, 0.0)[:known], fluid.coefficient)
             fluid.coefficient /= fluid.grid.area
             fluid.impulse_x += fluid.last_x
             fluid.impulse_y += fluid.last_y
             lost = without_cell(w)
-            for axis, values in enumerate((at.x, at.y)):
+            for axis, values in enumerate((at[X], at[Y])):
                 fluid.undelivered[axis] -= values[:known][lost].sum()
 
     def step_by(self, steps: int) -> None:
@@ -455,7 +466,7 @@ class Model:
     def _contacts(self, now: Advance) -> Contacts:
         p, pairs = now.packed, now.pairs
         law = None if self.contact is None else prepare(self.contact)
-        rows = look(law, *self.domain.period, p.place, pairs.i, pairs.j, pairs.slip, pairs.bonded)
+        rows = look(law, *self.domain.period, p.floes, pairs.i, pairs.j, pairs.slip, pairs.bonded)
         touching = rows[:, 0] > 0 if len(rows) else np.zeros(0, bool)
         i, j = p.number[pairs.i[: len(rows)][touching]], p.number[pairs.j[: len(rows)][touching]]
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))

@@ -1,8 +1,7 @@
 """Floes as the kernels see them: active ones only, sorted in space, packed into few cache lines.
 
-Which records and arrays exist follows from the laws.  Contacts read `place` always, `moving` only if a law
-needs velocities, `spinning` only with friction; with friction the three are one record of 64 bytes.  What a
-law does not need is None, which the kernels compile to nothing.
+All that a contact reads of a floe is one record of 64 bytes.  Which fields and arrays exist follows from the
+laws: a spin only with friction or a torque.  What is not needed is None, which the kernels compile to nothing.
 """
 
 from typing import NamedTuple
@@ -28,22 +27,18 @@ def _record(*names: str) -> np.dtype:
     return np.dtype([(name, np.float64) for name in names])
 
 
-# a floe with friction is one cache line; without velocities in the law, contacts read half a line
+# a floe is one line of the cache; w is 1/m, or 0 for a floe that nothing moves
 SPINNING = _record("x", "y", "r", "h", "u", "v", "w", "omega")
 MOVING = _record("x", "y", "r", "h", "u", "v", "w", "unused")
-PLACE = _record("x", "y", "r", "h")
-MOTION = _record("u", "v")
 FORCE = _record("x", "y")
 FORCE_AND_TORQUE = _record("x", "y", "torque", "unused")
 
 
 class Packed(NamedTuple):
-    """The floes in a kernel's order; w is 1/m, or 0 for a floe that nothing moves."""
+    """The floes in a kernel's order."""
 
-    place: np.ndarray  # x, y, r, h
-    motion: np.ndarray  # u, v
-    moving: np.ndarray | None  # u, v, w, if contacts need velocities
-    spinning: np.ndarray | None  # omega, if floes rotate
+    floes: np.ndarray  # x, y, r, h, u, v, w
+    spinning: np.ndarray | None  # the same records, if they have an omega
     force: np.ndarray  # x, y (and torque)
     number: np.ndarray  # the floe's number for ever
     mass: np.ndarray
@@ -70,14 +65,7 @@ class PairList(NamedTuple):
     damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
 
 
-def needs_velocity(contact: Contact | None) -> bool:
-    """Whether contacts read velocities: friction and dashpots do, elasticity and bonds do not."""
-    return contact is not None and (contact.friction is not None or contact.dashpot is not None)
-
-
-def pack(
-    floes: Floes, contact: Contact | None, density: float, previous: np.ndarray | None
-) -> Packed:
+def pack(floes: Floes, density: float, previous: np.ndarray | None) -> Packed:
     """Copy the active floes into records, sorted in space.
 
     previous : accelerations (n, 3) kept between advances by the paper's schemes, or None
@@ -87,31 +75,25 @@ def pack(
         number = number[sort_in_space(floes.x[number], floes.y[number], floes.radius[number])]
     n = len(number)
     rotation = floes.rotation
-    velocity = needs_velocity(contact) or rotation
-    place = np.zeros(n, SPINNING if rotation else MOVING if velocity else PLACE)
-    place = place.view(np.recarray)
-    motion = place if velocity else np.zeros(n, MOTION).view(np.recarray)
+    records = np.zeros(n, SPINNING if rotation else MOVING).view(np.recarray)
     bits = floes.motion[number]
     mass = floes.mass(density)[number]
-    place.x, place.y = floes.x[number], floes.y[number]
-    place.r, place.h = floes.radius[number], floes.thickness[number]
-    motion.u, motion.v = floes.u[number], floes.v[number]
+    records.x, records.y = floes.x[number], floes.y[number]
+    records.r, records.h = floes.radius[number], floes.thickness[number]
+    records.u, records.v = floes.u[number], floes.v[number]
     inverse_x = np.where(bits & FIXED_X, 0.0, 1.0 / mass)
     inverse_y = np.where(bits & FIXED_Y, 0.0, 1.0 / mass)
-    if velocity:
-        place.w = np.maximum(inverse_x, inverse_y)
+    records.w = np.maximum(inverse_x, inverse_y)
     inertia = inverse_spin = angle = None
     if rotation:
-        place.omega = floes.angular_velocity[number]
-        inertia = 0.5 * mass * place.r**2
+        records.omega = floes.angular_velocity[number]
+        inertia = 0.5 * mass * records.r**2
         inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
         angle = floes.angle[number]
     force = np.zeros(n, FORCE_AND_TORQUE if rotation else FORCE).view(np.recarray)
     return Packed(
-        place,
-        motion,
-        place if needs_velocity(contact) else None,
-        place if rotation else None,
+        records,
+        records if rotation else None,
         force,
         number,
         mass,
@@ -122,20 +104,20 @@ def pack(
         angle,
         np.flatnonzero(bits),
         floes.land[number],
-        place.x.copy(),
-        place.y.copy(),
+        records.x.copy(),
+        records.y.copy(),
         None if previous is None else previous[number],
     )
 
 
 def unpack(packed: Packed, floes: Floes, previous: np.ndarray | None) -> None:
     """Copy what moved back into the floes."""
-    number = packed.number
-    floes.x[number], floes.y[number] = packed.place.x, packed.place.y
-    floes.u[number], floes.v[number] = packed.motion.u, packed.motion.v
+    number, records = packed.number, packed.floes
+    floes.x[number], floes.y[number] = records.x, records.y
+    floes.u[number], floes.v[number] = records.u, records.v
     if packed.spinning is not None:
         floes.angle[number] = packed.angle
-        floes.angular_velocity[number] = packed.spinning.omega
+        floes.angular_velocity[number] = records.omega
     if previous is not None:
         previous[number] = packed.previous
 
@@ -143,9 +125,9 @@ def unpack(packed: Packed, floes: Floes, previous: np.ndarray | None) -> None:
 def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
     """How far a floe may interact [m]: its radius, the gap that a bond spans, half the skin."""
     if contact is None:
-        return np.ascontiguousarray(packed.place.r)
+        return np.ascontiguousarray(packed.floes.r)
     gap = stretch(contact.bonds, contact.elastic.youngs_modulus)
-    return packed.place.r * (1.0 + gap) + 0.5 * skin
+    return packed.floes.r * (1.0 + gap) + 0.5 * skin
 
 
 def list_pairs(
@@ -167,7 +149,7 @@ def list_pairs(
         damped = None if contact is None or contact.dashpot is None else np.zeros(0)
         start = np.zeros(len(packed.number) + 1, np.int64)
         return PairList(start, empty, empty, slip, bonded, damped)
-    found = find_pairs(packed.place.x, packed.place.y, reach(packed, contact, skin), period)
+    found = find_pairs(packed.floes.x, packed.floes.y, reach(packed, contact, skin), period)
     start, i, j = found.start, found.i.view(np.uint32), found.j.view(np.uint32)
     if packed.land.any():  # pieces of coast lie over each other as they like
         keep = ~(packed.land[i] & packed.land[j])
@@ -250,7 +232,7 @@ def stiffest(
         *_stiffest(
             contact,
             *period,
-            packed.place,
+            packed.floes,
             packed.inverse_x,
             packed.inverse_y,
             packed.spinning,
@@ -266,18 +248,18 @@ def stiffest(
 
 @jit
 def _stiffest(
-    law, period_x, period_y, place, inverse_x, inverse_y, spinning, inverse_spin,
+    law, period_x, period_y, floes, inverse_x, inverse_y, spinning, inverse_spin,
     pair_i, pair_j, walls, wall_floe, wall_number,
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
     # Each floe is then a 3 × 3 problem of its own in (x, y, r θ/√2), divided by its mass.
-    n = place.size
+    n = floes.size
     sums = np.zeros((n, 7))
     ratio = stiffness_ratio(law.friction)
     for p in range(pair_i.size):
         i, j = pair_i[p], pair_j[p]
-        one, other = place[i], place[j]
+        one, other = floes[i], floes[j]
         dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
         distance = np.sqrt(dx * dx + dy * dy)
         nx, ny = dx / distance, dy / distance
@@ -293,7 +275,7 @@ def _stiffest(
         k = wall_floe[q]
         wall = walls[wall_number[q]]
         w = max(inverse_x[k], inverse_y[k])
-        k_n = stiffness(law.elastic, place[k].h, place[k].h)
+        k_n = stiffness(law.elastic, floes[k].h, floes[k].h)
         nx = 1.0 if wall.axis == 0 else 0.0
         c = damping(law.dashpot, k_n, w)
         add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, c, nx, 1.0 - nx, 0.0)
@@ -302,7 +284,7 @@ def _stiffest(
         w = max(inverse_x[k], inverse_y[k])
         if w == 0.0:
             continue
-        single = stiffness(law.elastic, place[k].h, place[k].h)
+        single = stiffness(law.elastic, floes[k].h, floes[k].h)
         value = max(largest_eigenvalue(sums[k]), 6.0 * max(1.0, ratio) * single * w)
         if value > highest:
             highest, which = value, k
@@ -366,16 +348,16 @@ class Contacts(NamedTuple):
 
 
 @jit
-def look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
+def look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
     """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
-    return _look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded)
+    return _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded)
 
 
 @dispatched
-def _look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
+def _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
     rows = np.empty((pair_i.size, 10))
     for p in range(pair_i.size):
-        one, other = place[pair_i[p]], place[pair_j[p]]
+        one, other = floes[pair_i[p]], floes[pair_j[p]]
         dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
         distance = np.sqrt(dx * dx + dy * dy)
         nx, ny = dx / distance, dy / distance
@@ -398,7 +380,7 @@ def _look(law, period_x, period_y, place, pair_i, pair_j, slip, bonded):
 
 
 @_look.register
-def _(law: None, period_x, period_y, place, pair_i, pair_j, slip, bonded):
+def _(law: None, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
     return np.empty((0, 10))
 
 
@@ -412,8 +394,8 @@ def strayed(packed: Packed, keep_still: bool) -> float:
             sum(
                 _half_range(now - first, keep_still) ** 2
                 for now, first in (
-                    (packed.place.x, packed.first_x),
-                    (packed.place.y, packed.first_y),
+                    (packed.floes.x, packed.first_x),
+                    (packed.floes.y, packed.first_y),
                 )
             )
         )

@@ -9,7 +9,7 @@ from floebmi.boundaries import Domain
 from floebmi.contact import Contact, cohesive, frictional, prepare
 from floebmi.errors import InputError
 from floebmi.floes import Floes
-from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag, at_floes
+from floebmi.forces import FORCE_BUFFER, AirDrag, BodyForce, Coriolis, OceanDrag, at_floes
 from floebmi.grid import Grid
 from floebmi.kernels import FASTMATH
 from floebmi.model import Model
@@ -29,17 +29,14 @@ def packed(**laws):
 
 def test_arrays_of_physics_that_is_not_listed_do_not_exist():
     elastic, pairs = packed(contact=Contact())
-    assert elastic.place.dtype.names == ("x", "y", "r", "h")
-    assert elastic.moving is elastic.spinning is elastic.angle is elastic.inertia is None
+    assert elastic.spinning is elastic.angle is elastic.inertia is None
+    assert "omega" not in elastic.floes.dtype.names
     assert pairs.slip is pairs.bonded is None
     bonded, pairs = packed(contact=cohesive())
-    assert bonded.place.dtype.names == ("x", "y", "r", "h") and bonded.force.dtype.names == (
-        "x",
-        "y",
-    )
+    assert "omega" not in bonded.floes.dtype.names and "torque" not in bonded.force.dtype.names
     assert pairs.slip is None and pairs.bonded is not None
     rubbing, pairs = packed(contact=frictional())
-    assert "omega" in rubbing.place.dtype.names and "torque" in rubbing.force.dtype.names
+    assert "omega" in rubbing.floes.dtype.names and "torque" in rubbing.force.dtype.names
     assert pairs.bonded is None and pairs.slip is not None
     drifting = pair()
     assert drifting.ocean is drifting.atmosphere is drifting.floes.angle is None
@@ -60,7 +57,9 @@ def push_code(*forces):
         at_floes(force, f.radius, f.thickness, 0.9 * f.thickness, 934.0, False, f.land)
         for force in forces
     )
-    arguments = (forces, at, 0, 0.1, 0.0, 1.0, True, True, 1.0, np.zeros(3))
+    one, none = np.ones(1), np.zeros(0, np.int64)
+    buffer = np.zeros(FORCE_BUFFER)
+    arguments = (forces, at, 0, 1, one, one, one, none, 1.0, np.zeros(3), buffer)
     return machine_code(dynamics.push.py_func, *arguments)
 
 
