@@ -152,8 +152,8 @@ class Advance:
         touch(
             self.contact, self.wall_law, *self.period, p.floes, p.spinning, self.pairs.i, self.pairs.j,
             self.pairs.slip, self.pairs.bonded, self.pairs.damped, self.walls, self.wall_floe,
-            self.wall_number, self.wall_damped, dt, p.force, None, None, None, self.constraint,
-            self.buffer,
+            self.wall_number, self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
+            self.constraint, self.buffer,
         )  # fmt: skip
 
     def _unpack(self) -> None:

@@ -37,8 +37,6 @@ from floebmi.forces import (
     V,
     accelerate,
     book,
-    book_turn,
-    turn,
 )
 from floebmi.kernels import dispatched, jit
 from floebmi.quantities import Positive, PositiveFraction
@@ -192,44 +190,54 @@ def drift(
     walls, dt, substeps, constraint, buffer,
 ):  # fmt: skip
     """Half the way, the other forces, half the way; returns the largest speed² [m²/s²]."""
-    half = 0.5 * dt
-    h = dt / substeps
-    if len(forces) > 0:
-        for first in range(0, floes.size, BLOCK):
-            n = min(BLOCK, floes.size - first)
-            for k in range(n):
-                floe = floes[first + k]
-                floe.x += half * floe.u
-                floe.y += half * floe.v
-                buffer[U + k], buffer[V + k] = floe.u, floe.v
-            for _ in range(substeps):
-                push(forces, at, first, n, mass, inverse_x, inverse_y, held, h, constraint, buffer)
-            for k in range(n):
-                floe = floes[first + k]
-                floe.u, floe.v = buffer[U + k], buffer[V + k]
-        drift_spin(
-            spinning,
-            forces,
-            at,
-            angle,
-            inertia,
-            inverse_spin,
-            held,
-            dt,
-            substeps,
-            constraint,
-            buffer,
-        )
-    else:
-        half = dt
-        coast_spin(spinning, angle, dt)
     fastest = 0.0
-    for k in range(floes.size):
-        floe = floes[k]
-        floe.x += half * floe.u
-        floe.y += half * floe.v
-        fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
+    half = 0.5 * dt
+    for first in range(0, floes.size, BLOCK):
+        n = min(BLOCK, floes.size - first)
+        for k in range(n):
+            floe = floes[first + k]
+            floe.x += half * floe.u
+            floe.y += half * floe.v
+            buffer[U + k], buffer[V + k] = floe.u, floe.v
+        turn_half(spinning, angle, first, n, half, buffer)
+        if len(forces) > 0:
+            for _ in range(substeps):
+                push(
+                    forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y,
+                    inverse_spin, held, dt / substeps, constraint, buffer,
+                )  # fmt: skip
+        for k in range(n):
+            floe = floes[first + k]
+            floe.u, floe.v = buffer[U + k], buffer[V + k]
+            floe.x += half * floe.u
+            floe.y += half * floe.v
+            fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
+        turn_other_half(spinning, angle, first, n, half, buffer)
     return max(fastest, drift_walls(walls, dt))
+
+
+@dispatched
+def turn_half(spinning, angle, first, n, half, buffer):
+    for k in range(n):
+        buffer[OMEGA + k] = spinning[first + k].omega
+        angle[first + k] += half * buffer[OMEGA + k]
+
+
+@turn_half.register
+def _(spinning: None, angle, first, n, half, buffer):
+    pass
+
+
+@dispatched
+def turn_other_half(spinning, angle, first, n, half, buffer):
+    for k in range(n):
+        spinning[first + k].omega = buffer[OMEGA + k]
+        angle[first + k] += half * buffer[OMEGA + k]
+
+
+@turn_other_half.register
+def _(spinning: None, angle, first, n, half, buffer):
+    pass
 
 
 @dispatched
@@ -250,11 +258,14 @@ def _(walls: None, dt):
 
 
 @jit
-def push(forces, at, first, n, mass, inverse_x, inverse_y, held, h, constraint, buffer):
+def push(
+    forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held, h,
+    constraint, buffer,
+):  # fmt: skip
     """The other forces on a block of floes: (1 − h/2 Σ J) δu = h Σ a; a held axis keeps its velocity."""
     half = 0.5 * h
-    buffer[A_X : J_YY + BLOCK] = 0.0
-    accelerate(forces, at, first, n, buffer)
+    buffer[A_X : SLOPE + BLOCK] = 0.0
+    accelerate(forces, at, spinning, first, n, buffer)
     for k in range(n):
         floe = np.uintp(first + k)
         free_x, free_y = inverse_x[floe] > 0.0, inverse_y[floe] > 0.0
@@ -266,12 +277,27 @@ def push(forces, at, first, n, mass, inverse_x, inverse_y, held, h, constraint, 
         scale = h / (m11 * m22 - m12 * m21)
         buffer[D_U + k] = scale * (m22 * ax - m12 * ay)
         buffer[D_V + k] = scale * (m11 * ay - m21 * ax)
-    book(forces, at, first, n, mass, h, buffer)
+    push_spin(inverse_spin, first, n, h, buffer)
+    book(forces, at, spinning, first, n, mass, inertia, h, buffer)
     if held.size > 0:
         hold_back(first, n, mass, inverse_x, inverse_y, h, constraint, buffer)
+        hold_spin_back(inverse_spin, first, n, inertia, h, constraint, buffer)
     for k in range(n):
         buffer[U + k] += buffer[D_U + k]
         buffer[V + k] += buffer[D_V + k]
+        buffer[OMEGA + k] += buffer[D_OMEGA + k]
+
+
+@dispatched
+def push_spin(inverse_spin, first, n, h, buffer):
+    for k in range(n):
+        change = h * buffer[ALPHA + k] / (1.0 - 0.5 * h * buffer[SLOPE + k])
+        buffer[D_OMEGA + k] = change if inverse_spin[np.uintp(first + k)] > 0.0 else 0.0
+
+
+@push_spin.register
+def _(inverse_spin: None, first, n, h, buffer):
+    pass
 
 
 @jit
@@ -292,51 +318,14 @@ def hold_back(first, n, mass, inverse_x, inverse_y, h, constraint, buffer):
 
 
 @dispatched
-def drift_spin(
-    spinning, forces, at, angle, inertia, inverse_spin, held, dt, substeps, constraint, buffer
-):
-    half = 0.5 * dt
-    h = dt / substeps
-    for first in range(0, angle.size, BLOCK):
-        n = min(BLOCK, angle.size - first)
-        for k in range(n):
-            buffer[OMEGA + k] = spinning[first + k].omega
-            angle[first + k] += half * buffer[OMEGA + k]
-        for _ in range(substeps):
-            buffer[ALPHA : SLOPE + BLOCK] = 0.0
-            turn(forces, at, first, n, buffer)
-            for k in range(n):
-                change = h * buffer[ALPHA + k] / (1.0 - 0.5 * h * buffer[SLOPE + k])
-                buffer[D_OMEGA + k] = change if inverse_spin[np.uintp(first + k)] > 0.0 else 0.0
-            book_turn(forces, at, first, n, inertia, h, buffer)
-            if held.size > 0:
-                for k in range(n):
-                    if inverse_spin[first + k] == 0.0:
-                        torque = inertia[first + k] * buffer[ALPHA + k]
-                        constraint[2] -= h * torque * buffer[OMEGA + k]
-            for k in range(n):
-                buffer[OMEGA + k] += buffer[D_OMEGA + k]
-        for k in range(n):
-            spinning[first + k].omega = buffer[OMEGA + k]
-            angle[first + k] += half * buffer[OMEGA + k]
+def hold_spin_back(inverse_spin, first, n, inertia, h, constraint, buffer):
+    for k in range(n):
+        if inverse_spin[first + k] == 0.0:
+            constraint[2] -= h * inertia[first + k] * buffer[ALPHA + k] * buffer[OMEGA + k]
 
 
-@drift_spin.register
-def _(
-    spinning: None, forces, at, angle, inertia, inverse_spin, held, dt, substeps, constraint, buffer
-):
-    pass
-
-
-@dispatched
-def coast_spin(spinning, angle, dt):
-    """Without other forces floes just turn on."""
-    for k in range(angle.size):
-        angle[k] += dt * spinning[k].omega
-
-
-@coast_spin.register
-def _(spinning: None, angle, dt):
+@hold_spin_back.register
+def _(inverse_spin: None, first, n, inertia, h, constraint, buffer):
     pass
 
 
@@ -609,27 +598,32 @@ def verlet(
     law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe, wall_number,
     wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin,
 ):  # fmt: skip
-    """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way."""
+    """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
+
+    The last half kick of a step and the first of the next are the same force: they are one kick.
+    """
     p = packed
     pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
+    kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+         walls, 0.5 * dt, constraint)  # fmt: skip
     done = 0
-    while done < steps and travelled < half_skin:
-        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             walls, 0.5 * dt, constraint)  # fmt: skip
+    more = True
+    while more:
         fastest = drift(
             forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x, p.inverse_y,
             p.inverse_spin, p.held, walls, dt, substeps, constraint, force_buffer,
         )  # fmt: skip
+        done += 1
+        travelled += dt * np.sqrt(fastest)
+        more = done < steps and travelled < half_skin
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
             pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
             p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
         )  # fmt: skip
         kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             walls, 0.5 * dt, constraint)  # fmt: skip
+             walls, dt if more else 0.5 * dt, constraint)  # fmt: skip
         book_losses(losses, lost)
-        travelled += dt * np.sqrt(fastest)
-        done += 1
     return done, travelled
 
 
@@ -659,11 +653,13 @@ def taylor(
             n = min(BLOCK, p.floes.size - first)
             for k in range(n):
                 buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
-            buffer[D_U : J_YY + BLOCK] = 0.0
-            accelerate(forces, at, first, n, buffer)
-            book(forces, at, first, n, p.mass, dt, buffer)
+            turn_half(p.spinning, p.angle, first, n, 0.0, buffer)
+            buffer[D_U : SLOPE + BLOCK] = 0.0
+            accelerate(forces, at, p.spinning, first, n, buffer)
+            book(forces, at, p.spinning, first, n, p.mass, p.inertia, dt, buffer)
             if p.held.size > 0:
                 hold_back(first, n, p.mass, p.inverse_x, p.inverse_y, dt, constraint, buffer)
+                hold_spin_back(p.inverse_spin, first, n, p.inertia, dt, constraint, buffer)
             for k in range(n):
                 floe, contact = p.floes[first + k], p.force[first + k]
                 inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
@@ -679,6 +675,7 @@ def taylor(
                 floe.v += (ay + oy + 0.5 * jerk_y) * dt
                 previous[0], previous[1] = ax, ay
                 fastest = max(fastest, floe.u**2 + floe.v**2)
+            taylor_spin(p.spinning, third_order, p, first, n, dt, buffer)
         for q in range(p.held.size):
             k = p.held[q]
             if p.inverse_x[k] == 0.0:
@@ -687,7 +684,6 @@ def taylor(
             if p.inverse_y[k] == 0.0:
                 constraint[1] -= dt * p.force[k].y
                 constraint[2] -= dt * p.force[k].y * p.floes[k].v
-        taylor_spin(p.spinning, third_order, forces, at, p, dt, buffer)
         kick_walls(walls, dt)
         fastest = max(fastest, drift_walls(walls, dt))
         travelled += dt * np.sqrt(fastest)
@@ -696,27 +692,20 @@ def taylor(
 
 
 @dispatched
-def taylor_spin(spinning, third_order, forces, at, p, dt, buffer):
-    for first in range(0, p.angle.size, BLOCK):
-        n = min(BLOCK, p.angle.size - first)
-        for k in range(n):
-            buffer[OMEGA + k] = spinning[first + k].omega
-        buffer[D_OMEGA : SLOPE + BLOCK] = 0.0
-        turn(forces, at, first, n, buffer)
-        book_turn(forces, at, first, n, p.inertia, dt, buffer)
-        for k in range(n):
-            floe = first + k
-            omega = buffer[OMEGA + k]
-            other = buffer[ALPHA + k] if p.inverse_spin[floe] > 0.0 else 0.0
-            alpha = p.inverse_spin[floe] * p.force[floe].torque
-            jerk = (alpha - p.previous[floe, 2]) if third_order else 0.0
-            p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
-            spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
-            p.previous[floe, 2] = alpha
+def taylor_spin(spinning, third_order, p, first, n, dt, buffer):
+    for k in range(n):
+        floe = first + k
+        other = buffer[ALPHA + k] if p.inverse_spin[floe] > 0.0 else 0.0
+        alpha = p.inverse_spin[floe] * p.force[floe].torque
+        jerk = (alpha - p.previous[floe, 2]) if third_order else 0.0
+        omega = spinning[floe].omega
+        p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
+        spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
+        p.previous[floe, 2] = alpha
 
 
 @taylor_spin.register
-def _(spinning: None, third_order, forces, at, p, dt, buffer):
+def _(spinning: None, third_order, p, first, n, dt, buffer):
     pass
 
 

@@ -294,39 +294,50 @@ def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> flo
 BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 # Rows of the buffer of a block of floes.  Results lie below what they are computed from: only so can the
 # compiler see that no later floe reads what an earlier one wrote.
-BOOK_X, BOOK_Y, BOOK_WORK, D_U, D_V, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, U, V = (
-    row * BLOCK for row in range(13)
-)
-D_OMEGA, ALPHA, SLOPE, OMEGA = D_U, A_X, A_Y, U  # the same rows, when it is the turn of rotation
-FORCE_BUFFER = 13 * BLOCK
+BOOK_X, BOOK_Y, BOOK_WORK, D_U, D_V, D_OMEGA, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, ALPHA, SLOPE, U, V, OMEGA = (
+    row * BLOCK for row in range(17)
+)  # fmt: skip
+FORCE_BUFFER = 17 * BLOCK
 
 
-def accelerate(forces, at, first, n, buffer):
-    """Add Σ a and Σ J of n floes from `first` on, at the velocities in the buffer, to the buffer."""
+def accelerate(forces, at, spinning, first, n, buffer):
+    """Add Σ a, Σ J and their like for rotation of n floes from `first` on to the buffer."""
     for force, here in zip(forces, at, strict=True):
-        _accelerate_one(force, here, first, n, buffer)
+        _accelerate_one(force, here, spinning, first, n, buffer)
 
 
-def book(forces, at, first, n, mass, dt, buffer):
+def book(forces, at, spinning, first, n, mass, inertia, dt, buffer):
     """Book the impulse m Δt (a + ½ J δu) of each force on n floes, and its work."""
     for force, here in zip(forces, at, strict=True):
-        _book_one(force, here, first, n, mass, dt, buffer)
+        _book_one(force, here, spinning, first, n, mass, inertia, dt, buffer)
 
 
-def turn(forces, at, first, n, buffer):
-    """Add Σ angular acceleration and its derivative of n floes to the buffer."""
-    for force, here in zip(forces, at, strict=True):
-        _turn_one(force, here, first, n, buffer)
+@overload(accelerate)
+def _accelerate(forces, at, spinning, first, n, buffer):
+    if len(forces) == 0:
+        return lambda forces, at, spinning, first, n, buffer: None
+
+    def each(forces, at, spinning, first, n, buffer):
+        _accelerate_one(forces[0], at[0], spinning, first, n, buffer)
+        accelerate(forces[1:], at[1:], spinning, first, n, buffer)
+
+    return each
 
 
-def book_turn(forces, at, first, n, inertia, dt, buffer):
-    """Book the work of each force's torque on n floes."""
-    for force, here in zip(forces, at, strict=True):
-        _book_turn_one(force, here, first, n, inertia, dt, buffer)
+@overload(book)
+def _book(forces, at, spinning, first, n, mass, inertia, dt, buffer):
+    if len(forces) == 0:
+        return lambda forces, at, spinning, first, n, mass, inertia, dt, buffer: None
+
+    def each(forces, at, spinning, first, n, mass, inertia, dt, buffer):
+        _book_one(forces[0], at[0], spinning, first, n, mass, inertia, dt, buffer)
+        book(forces[1:], at[1:], spinning, first, n, mass, inertia, dt, buffer)
+
+    return each
 
 
 @jit
-def _accelerate_one(force, at, first, n, buffer):
+def _accelerate_one(force, at, spinning, first, n, buffer):
     for k in range(n):
         floe = np.uintp(first + k)  # unsigned: no wrap-around of negative indices
         a = acceleration(force, at, floe, buffer[U + k], buffer[V + k])
@@ -336,10 +347,11 @@ def _accelerate_one(force, at, first, n, buffer):
         buffer[J_XY + k] += a.xy
         buffer[J_YX + k] += a.yx
         buffer[J_YY + k] += a.yy
+    _turn_one(spinning, force, at, first, n, buffer)
 
 
 @jit
-def _book_one(force, at, first, n, mass, dt, buffer):
+def _book_one(force, at, spinning, first, n, mass, inertia, dt, buffer):
     for k in range(n):
         floe = np.uintp(first + k)
         u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
@@ -349,6 +361,7 @@ def _book_one(force, at, first, n, mass, dt, buffer):
         buffer[BOOK_X + k] = x
         buffer[BOOK_Y + k] = y
         buffer[BOOK_WORK + k] = x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+    _book_turn_one(spinning, force, at, first, n, inertia, dt, buffer)
     for k in range(n):
         floe = np.uintp(first + k)
         at[X, floe] += buffer[BOOK_X + k]
@@ -356,69 +369,29 @@ def _book_one(force, at, first, n, mass, dt, buffer):
         at[WORK, floe] += buffer[BOOK_WORK + k]
 
 
-@jit
-def _turn_one(force, at, first, n, buffer):
+@dispatched
+def _turn_one(spinning, force, at, first, n, buffer):
     for k in range(n):
         alpha, slope = spin_up(force, at, np.uintp(first + k), buffer[OMEGA + k])
         buffer[ALPHA + k] += alpha
         buffer[SLOPE + k] += slope
 
 
-@jit
-def _book_turn_one(force, at, first, n, inertia, dt, buffer):
+@_turn_one.register
+def _(spinning: None, force, at, first, n, buffer):
+    pass
+
+
+@dispatched
+def _book_turn_one(spinning, force, at, first, n, inertia, dt, buffer):
     for k in range(n):
         floe = np.uintp(first + k)
         omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
         alpha, slope = spin_up(force, at, floe, omega)
         angular_impulse = inertia[floe] * dt * (alpha + 0.5 * slope * change)
-        buffer[BOOK_WORK + k] = angular_impulse * (omega + 0.5 * change)
-    for k in range(n):
-        at[WORK, np.uintp(first + k)] += buffer[BOOK_WORK + k]
+        buffer[BOOK_WORK + k] += angular_impulse * (omega + 0.5 * change)
 
 
-@overload(accelerate)
-def _accelerate(forces, at, first, n, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, first, n, buffer: None
-
-    def each(forces, at, first, n, buffer):
-        _accelerate_one(forces[0], at[0], first, n, buffer)
-        accelerate(forces[1:], at[1:], first, n, buffer)
-
-    return each
-
-
-@overload(book)
-def _book(forces, at, first, n, mass, dt, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, first, n, mass, dt, buffer: None
-
-    def each(forces, at, first, n, mass, dt, buffer):
-        _book_one(forces[0], at[0], first, n, mass, dt, buffer)
-        book(forces[1:], at[1:], first, n, mass, dt, buffer)
-
-    return each
-
-
-@overload(turn)
-def _turn(forces, at, first, n, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, first, n, buffer: None
-
-    def each(forces, at, first, n, buffer):
-        _turn_one(forces[0], at[0], first, n, buffer)
-        turn(forces[1:], at[1:], first, n, buffer)
-
-    return each
-
-
-@overload(book_turn)
-def _book_turn(forces, at, first, n, inertia, dt, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, first, n, inertia, dt, buffer: None
-
-    def each(forces, at, first, n, inertia, dt, buffer):
-        _book_turn_one(forces[0], at[0], first, n, inertia, dt, buffer)
-        book_turn(forces[1:], at[1:], first, n, inertia, dt, buffer)
-
-    return each
+@_book_turn_one.register
+def _(spinning: None, force, at, first, n, inertia, dt, buffer):
+    pass

@@ -59,7 +59,9 @@ def push_code(*forces):
     )
     one, none = np.ones(1), np.zeros(0, np.int64)
     buffer = np.zeros(FORCE_BUFFER)
-    arguments = (forces, at, 0, 1, one, one, one, none, 1.0, np.zeros(3), buffer)
+    arguments = (
+        forces, at, None, 0, 1, one, None, one, one, None, none, 1.0, np.zeros(3), buffer,
+    )  # fmt: skip
     return machine_code(dynamics.push.py_func, *arguments)
 
 
