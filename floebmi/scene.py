@@ -63,6 +63,14 @@ Pair = tuple[float, float]
 Count = Annotated[int, Field(ge=1)]
 ScenePath = str  # of a file, relative to the scene file
 Axis = Literal["x", "y", "rotation"]
+Position = Literal["auto", "mapping", "lonlat"]
+FillLand = Literal["error", "nearest", "dry"]
+# of all tables that read a gridded file
+_POSITION = "by x, y with their projection, or by 2-D longitude and latitude, where a file has both"
+_FILE_PROJECTION = "plane of the file's own x and y, if it does not say"
+_SELECT = "index along any other dimension, as {member = 3}"
+_MASK = "its land-sea mask; 'none' takes missing values alone"
+_FILL_LAND = "what a wet cell gets where the file has only land"
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 _EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
 _PRESET_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
@@ -283,9 +291,17 @@ class FromField(Group):
         "auto",
         description="what the file's thickness is the mean over: the ice, or the cell with its water",
     )
-    fill_land: Literal["error", "nearest", "dry"] = Field(
-        "error", description="what a wet cell gets where the file has only land"
+    time: str | None = Field(
+        None, description="date of the ice; else time.start, else the file's first record"
     )
+    select: dict[str, int] | None = Field(None, description=_SELECT)
+    mask: str = Field("auto", description=_MASK)
+    fill_land: FillLand = Field("error", description=_FILL_LAND)
+    outside: Literal["error", "open water"] = Field(
+        "error", description="what a wet cell gets that lies outside the file"
+    )
+    position: Position = Field("auto", description=_POSITION)
+    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     size: SizeTable = Field(description="size distribution, by number of floes")
     seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
 
@@ -337,6 +353,12 @@ class CoastTable(Table):
     variable: str | None = Field(
         None, description="its variable; found by its standard name if left out"
     )
+    select: dict[str, int] | None = Field(None, description=_SELECT)
+    outside: Literal["error", "land", "water"] = Field(
+        "error", description="what a cell is that lies outside the file"
+    )
+    position: Position = Field("auto", description=_POSITION)
+    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     geojson: ScenePath | None = Field(
         None, description="GeoJSON file with polygons of land instead"
     )
@@ -347,6 +369,9 @@ class CoastTable(Table):
     def _one_source(self) -> Self:
         if (self.file is None) == (self.geojson is None):
             raise InputError("give either file or geojson")
+        idle = self.model_fields_set - {"file", "geojson", "radius", "thickness"}
+        if self.file is None and idle:
+            raise InputError(f"{min(idle)} is about a file, not about geojson: leave it out")
         return self
 
 
@@ -421,17 +446,12 @@ class FluidTable(Table):
         "auto", description="where u and v lie on a C grid, see `floebmi.cgrid`"
     )
     depth: NonNegative = Field(0.0, description="the level nearest to this depth is taken [m]")
-    select: dict[str, int] | None = Field(
-        None, description="index along any other dimension, as {member = 3}"
-    )
+    select: dict[str, int] | None = Field(None, description=_SELECT)
     units: str | None = Field(None, description="of the velocity, if the file does not say")
-    mask: str = Field("auto", description="its land-sea mask; 'none' takes missing values alone")
-    fill_land: Literal["error", "nearest", "dry"] = Field(
-        "error", description="what a wet cell gets where the file has only land"
-    )
-    file_projection: str | None = Field(
-        None, description="plane of the file's own x and y, if it does not say"
-    )
+    mask: str = Field("auto", description=_MASK)
+    fill_land: FillLand = Field("error", description=_FILL_LAND)
+    position: Position = Field("auto", description=_POSITION)
+    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     beyond_span: Literal["error", "hold", "repeat"] = Field(
         "error", description="what holds before the first and after the last record"
     )
@@ -787,7 +807,9 @@ class Scene(Table):
             raise InputError("file: needs a [grid] of rows and columns, on which land is found")
         land = read_scalar(
             folder / table.file, "land_fraction", grid, self.domain.projection,
-            variable=table.variable,
+            variable=table.variable, select=table.select, position=table.position,
+            file_projection=table.file_projection,
+            outside={"error": None, "land": 1.0, "water": 0.0}[table.outside],
         )  # fmt: skip
         shape = grid.shape
         return coast.from_land_fraction(
@@ -836,16 +858,20 @@ class Scene(Table):
         from floebmi.scalars import read_scalar
 
         path, plane = self._file.parent / group.file, self.domain.projection
+        of_file = {
+            "time": group.time or self.time.start, "select": group.select, "mask": group.mask,
+            "fill_land": group.fill_land, "outside": None if group.outside == "error" else 0.0,
+            "position": group.position, "file_projection": group.file_projection,
+        }  # fmt: skip
         fraction = read_scalar(
-            path, "area_fraction", grid, plane,
-            variable=group.concentration, fill_land=group.fill_land,
-        )  # fmt: skip
+            path, "area_fraction", grid, plane, variable=group.concentration, **of_file
+        )
         if isinstance(group.thickness, float):
             return fraction, np.full(grid.size, group.thickness)
         thickness = read_scalar(
             path, "thickness", grid, plane,
             variable=group.thickness, concentration=group.concentration,
-            thickness_of=group.thickness_of, fill_land=group.fill_land,
+            thickness_of=group.thickness_of, **of_file,
         )  # fmt: skip
         return np.where(thickness > 0, fraction, 0.0), thickness
 
@@ -872,6 +898,7 @@ class Scene(Table):
             units=table.units,
             mask=table.mask,
             fill_land=table.fill_land,
+            position=table.position,
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
         )
