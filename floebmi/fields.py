@@ -122,6 +122,8 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         )
     except Exception as error:  # each engine has its own kinds
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        if not zarr and "did not find a match" in reason:
+            raise InputError(f"{path}: is no NetCDF file, or a damaged one") from error
         if zarr and "unrecognized engine" in reason:
             reason = "reading Zarr needs the package zarr (python -m pip install zarr)"
         raise InputError(

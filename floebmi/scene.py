@@ -8,6 +8,7 @@ unit, its default and what it means.  Paths are relative to the scene file.
 """
 
 import contextlib
+import datetime
 import math
 import shutil
 from collections.abc import Iterator, Sequence
@@ -544,6 +545,18 @@ class Time(Table):
     )
     calendar: str = Field("standard", description="CF calendar of the dates")
 
+    @model_validator(mode="after")
+    def _start_is_a_date(self) -> Self:
+        if self.start is not None and self.calendar != "360_day":
+            try:
+                datetime.datetime.fromisoformat(self.start)
+            except ValueError:
+                raise InputError(
+                    f"start = {self.start!r}: not a date; give one such as '1979-01-16' or "
+                    "'1979-01-16 18:00'"
+                ) from None
+        return self
+
 
 class Output(Table):
     """What is written while the model runs."""
@@ -661,7 +674,7 @@ class Scene(Table):
         return Schedule(float(total), float(exchange), float(every))
 
     @contextlib.contextmanager
-    def _place(self, table: str) -> Iterator[None]:
+    def place(self, table: str) -> Iterator[None]:
         """What goes wrong inside is said with file and table."""
         try:
             yield
@@ -679,7 +692,7 @@ class Scene(Table):
         """
         from floebmi.model import Model
 
-        with self._place("domain"):
+        with self.place("domain"):
             domain = self.domain.build()
             check_domain(domain)
             if self.domain.projection is not None:
@@ -690,17 +703,17 @@ class Scene(Table):
             wind_grid = self._grid("atmosphere.grid", self.atmosphere.grid, domain) or grid
         coast = None
         if self.coast is not None:
-            with self._place("coast"):
+            with self.place("coast"):
                 coast = self._coast(self.coast, grid)
             if grid is not None:
                 grid = grid.with_wet(~_on_land(coast.polygons, grid))
         land = [] if coast is None else coast.polygons
         groups = []
         for k, group in enumerate(self.floes):
-            with self._place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
+            with self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
                 groups.append(group.move(self._arrange(group, k, domain, grid, coast)))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
-        with self._place(""):
+        with self.place(""):
             model = Model(
                 domain,
                 floes,
@@ -722,9 +735,9 @@ class Scene(Table):
             )
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
-        with self._place("ocean"):
+        with self.place("ocean"):
             ocean = self._source(self.ocean, model.ocean)
-        with self._place("atmosphere"):
+        with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         return Built(model, ocean, atmosphere, land)
 
@@ -784,7 +797,7 @@ class Scene(Table):
     def _grid(self, name: str, table: Any, domain: Domain) -> Grid | None:
         if table is None:
             return None
-        with self._place(name):
+        with self.place(name):
             return table.build(domain, self._file.parent)
 
     def _sizes(self, table: Any) -> Any:
