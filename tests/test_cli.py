@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
@@ -100,7 +101,7 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["export", "no.nc"], "no.nc"),
         (["plot", "."], "neither floes.nc nor gridded.nc"),
         (["run", "two-floes", "--to", "/proc/no"], "/proc/no"),
-        (["run", "two-floes", "--set", "time.start=soon"], "--set time.start=soon: start = 'soon': not a"),
+        (["run", "two-floes", "--set", "time.start=soon"], "[time] start = 'soon': not a date; give"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line_with_exit_code_2_and_nothing_is_written(
@@ -131,8 +132,10 @@ def test_forcing_that_ends_before_the_run_does_is_refused_at_once_with_its_table
         result = cli(command, "scene.toml")
         assert result.exit_code == 2, result.output
         assert result.stdout == "" and result.stderr.count("\n") == 1
-        assert "scene.toml: [ocean] point.nc: u: t = 7200 s (2000-01-01T02) is out" in result.stderr
-        assert "2000-01-01 … 2000-01-01T01 (t = 0 … 3600 s, 2 records)" in result.stderr
+        assert (
+            "scene.toml: [ocean] point.nc: u: t = 7200 s (2000-01-01T02:00) is out" in result.stderr
+        )
+        assert "2000-01-01 … 2000-01-01T01:00 (t = 0 … 3600 s, 2 records)" in result.stderr
     assert sorted(tmp_path.iterdir()) == before
 
 
