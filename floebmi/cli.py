@@ -18,7 +18,7 @@ from floebmi import __version__
 from floebmi.errors import InputError, StabilityError, choose
 
 if TYPE_CHECKING:
-    from floebmi.scene import Scene
+    from floebmi.scene import Built, Scene
 
 HELP = """Sea-ice floes as discrete elements, under real wind and currents.
 
@@ -219,11 +219,12 @@ def run(
             f"--restart {restart}: is at t = {model.time:g} s, the run ends at {schedule.duration:g} s; "
             "give a longer --duration"
         )
+    _check_forcing(read, built, model.time, schedule.duration)
+    folder.mkdir(parents=True, exist_ok=True)
     if not quiet:
         click.echo(f"{read.name}: {read.title}\n{model!r}")
         for line in drag_warnings(model):
             click.echo(f"note: {line}")
-    folder.mkdir(parents=True, exist_ok=True)
     report = run_model(
         model, left, built.ocean, built.atmosphere,
         exchange=schedule.exchange, every=schedule.every,
@@ -271,6 +272,19 @@ def _refuse_to_overwrite(folder: Path, targets: Sequence[Path], force: bool) -> 
             raise InputError(f"{path}: exists already; give another folder with --to, or --force")
 
 
+def _check_forcing(scene: "Scene", built: "Built", start: float, end: float) -> None:
+    """InputError with file and table if the forcing does not reach from start to end [s]."""
+    from floebmi.running import check_forcing
+
+    for table, source, fluid in (
+        ("ocean", built.ocean, built.model.ocean),
+        ("atmosphere", built.atmosphere, built.model.atmosphere),
+    ):
+        if source is not None and fluid is not None:
+            with scene.place(table):
+                check_forcing(source, fluid, start, end)
+
+
 @contextlib.contextmanager
 def _of(what: str) -> Iterator[None]:
     try:
@@ -288,7 +302,10 @@ def explain(scene: str, overrides: tuple[str, ...]) -> None:
     from floebmi.scene import read_scene
 
     read = read_scene(scene, overrides)
-    click.echo(explain_scene(read, read.build()))
+    built = read.build()
+    if read.time.duration is not None:
+        _check_forcing(read, built, 0.0, read.time.duration)
+    click.echo(explain_scene(read, built))
 
 
 @floebmi.command()
@@ -489,10 +506,17 @@ def export(file: Path, target: Path | None, force: bool) -> None:
 def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
     from tqdm import tqdm
 
-    with tqdm(unit=f" {unit}", mininterval=0.2 if sys.stderr.isatty() else 5.0) as bar:
+    bar: tqdm | None = None  # none before there is something to count: an error stands alone
 
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+    def show(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            every = 0.2 if sys.stderr.isatty() else 5.0
+            bar = tqdm(total=total, unit=f" {unit}", mininterval=every)
+        bar.update(done - bar.n)
 
+    try:
         yield show
+    finally:
+        if bar is not None:
+            bar.close()

@@ -122,6 +122,8 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         )
     except Exception as error:  # each engine has its own kinds
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        if not zarr and "did not find a match" in reason:
+            raise InputError(f"{path}: is no NetCDF file, or a damaged one") from error
         if zarr and "unrecognized engine" in reason:
             reason = "reading Zarr needs the package zarr (python -m pip install zarr)"
         raise InputError(
@@ -308,8 +310,9 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
     if len(rest) != 2:
         fixed |= {d: 0 for d in rest if sizes[d] == 1 and roles[d] is None}
         rest = [d for d in rest if d not in fixed]
-    if len(rest) == 1 and sizes[rest[0]] == 1:
-        fixed[rest.pop()] = 0
+    if all(sizes[d] == 1 for d in rest):  # a series at one point, whether or not it keeps its axes
+        fixed |= dict.fromkeys(rest, 0)
+        rest = []
     if len(rest) == 1:
         raise InputError(
             f"{where}: one horizontal dimension, {rest[0]!r} of {sizes[rest[0]]}: meshes and"

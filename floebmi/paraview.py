@@ -43,8 +43,8 @@ def export(
     """Write a trajectory file as `floes_*.vtp`, or a gridded file as `fields_*.vtr` or `.vtu`.
 
     Floes that have left, or have not yet come, are not in a frame.  A vector is one array of three
-    components (the third is 0); missing values are NaN.  Fields on an atmosphere grid of its own are left
-    out.
+    components (the third is 0); missing values are NaN.  Fields on an atmosphere grid with other cells are
+    left out.
 
     Parameters
     ----------
@@ -109,10 +109,13 @@ def _field_frames(data: "Dataset") -> Iterator[tuple[str, str]]:
         raise InputError(f"{data.filepath()}: has no field on the exchange grid")
     dimensions = data["cell_area"].dimensions
     mesh = _rectangles(data) if dimensions == ("y", "x") else _polygons(data)
+    grids = [dimensions]
+    if _same_cells(data):
+        grids.append(tuple(f"{name}_atmosphere" for name in dimensions))
     rows = [
         row
         for row in VARIABLES
-        if row.file_name in data.variables and data[row.file_name].dimensions[1:] == dimensions
+        if row.file_name in data.variables and data[row.file_name].dimensions[1:] in grids
     ]
     for k in range(len(data.dimensions["time"])):
         values = {row.name: data[row.file_name][k].ravel() for row in rows}
@@ -120,6 +123,16 @@ def _field_frames(data: "Dataset") -> Iterator[tuple[str, str]]:
             if (other := name[:-1] + "y") in values:
                 values[name[:-2]] = _vector(values.pop(name), values.pop(other))
         yield mesh.suffix, _piece(mesh, [_block("CellData", values)])
+
+
+def _same_cells(data: "Dataset") -> bool:
+    """Whether an atmosphere grid of its own (land is not dry to the wind) has the exchange grid's cells."""
+    pairs = [(f"{axis}_bnds", f"{axis}_atmosphere_bnds") for axis in "xy"]
+    return all(
+        own in data.variables and other in data.variables
+        and np.array_equal(data[own][:], data[other][:])
+        for own, other in pairs
+    )  # fmt: skip
 
 
 def _rectangles(data: "Dataset") -> _Mesh:

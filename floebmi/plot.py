@@ -397,7 +397,9 @@ def _scale_of(
     signed = low < 0.0 < high
     if limits is None:
         largest = float(np.percentile(np.abs(values), 99)) if values.size else 1.0
-        largest = largest or max(abs(low), abs(high)) or 1.0
+        most = max(abs(low), abs(high))
+        if most < 1.25 * largest or not largest:  # nothing stands out, so nothing is cut off
+            largest = most or 1.0
         if signed:
             limits = -largest, largest
         elif low > 0.5 * high and name != "speed":  # far from zero: show the differences
@@ -429,7 +431,7 @@ def _canvas(
     up = min(across * aspect, 1.25 * width)  # a tall domain makes a narrower picture
     across = up / aspect
     width = across + left + right
-    lines = textwrap.wrap(title, max(20, int((across - TIME_WIDTH) * LETTERS_PER_INCH))) or [""]
+    lines = _lines(title, max(20, int((across - TIME_WIDTH) * LETTERS_PER_INCH)))
     top = 0.3 + 0.17 * len(lines)
     height = max(up, 1.2) + bottom + top
     width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))
@@ -462,9 +464,16 @@ def _canvas(
             ticks=bar.scale.ticks,
         )
         letters = int((height - bottom - top) * LETTERS_PER_INCH)
-        shades.set_label("\n".join(textwrap.wrap(bar.label, letters)))
+        shades.set_label("\n".join(_lines(bar.label, letters)))
         shades.outline.set_linewidth(0.6)
     return figure, axes
+
+
+def _lines(text: str, letters: int) -> list[str]:
+    """Text in as few lines as have room for so many letters, about equally long."""
+    lines = textwrap.wrap(text, letters) or [""]
+    narrow = (textwrap.wrap(text, n) for n in range(1 + len(text) // len(lines), letters))
+    return next((found for found in narrow if len(found) == len(lines)), lines)
 
 
 def _inches(size: int) -> tuple[float, float]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from floebmi.advance import Counters
     from floebmi.budgets import Ledger
     from floebmi.forcing import VelocitySource
-    from floebmi.model import Model
+    from floebmi.model import Fluid, Model
 
 DAY = 86400.0
 
@@ -170,10 +170,12 @@ def run(
         if source is not None and fluid is None:
             law = "OceanDrag" if name == "ocean" else "AirDrag"
             raise InputError(f"{name}: the model has none to force; list {law} among its forces")
-    drive = _Forcing(model, ocean, atmosphere)
-    drive.fill(model.time)  # forcing that does not fit is refused before a file is made
-    clock = _Stopwatch()
     start, end, before = model.time, model.time + total, model.counters.floe_steps
+    for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
+        if source is not None and fluid is not None:
+            check_forcing(source, fluid, start, end)
+    drive = _Forcing(model, ocean, atmosphere)
+    clock = _Stopwatch()
     files = [Path(path) for path in (gridded, trajectories) if path is not None]
     finished, first_steps = True, None
     kept = model.state()
@@ -227,6 +229,16 @@ def run(
         finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,
         first_steps or 0, model.counters, model.ledger, tuple(files),
     )  # fmt: skip
+
+
+def check_forcing(source: "VelocitySource", fluid: "Fluid", start: float, end: float) -> None:
+    """InputError if forcing does not fit, or does not reach from `start` to `end` [s].
+
+    The velocity of the fluid is then that at the start.
+    """
+    if source.span is not None:
+        source.fill(end, fluid.u, fluid.v)
+    source.fill(start, fluid.u, fluid.v)
 
 
 def check_intervals(every: float, exchange: float, where: str = "exchange") -> int:

@@ -8,6 +8,7 @@ unit, its default and what it means.  Paths are relative to the scene file.
 """
 
 import contextlib
+import datetime
 import math
 import shutil
 from collections.abc import Iterator, Sequence
@@ -63,6 +64,14 @@ Pair = tuple[float, float]
 Count = Annotated[int, Field(ge=1)]
 ScenePath = str  # of a file, relative to the scene file
 Axis = Literal["x", "y", "rotation"]
+Position = Literal["auto", "mapping", "lonlat"]
+FillLand = Literal["error", "nearest", "dry"]
+# of all tables that read a gridded file
+_POSITION = "by x, y with their projection, or by 2-D longitude and latitude, where a file has both"
+_FILE_PROJECTION = "plane of the file's own x and y, if it does not say"
+_SELECT = "index along any other dimension, as {member = 3}"
+_MASK = "its land-sea mask; 'none' takes missing values alone"
+_FILL_LAND = "what a wet cell gets where the file has only land"
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 _EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
 _PRESET_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
@@ -283,9 +292,17 @@ class FromField(Group):
         "auto",
         description="what the file's thickness is the mean over: the ice, or the cell with its water",
     )
-    fill_land: Literal["error", "nearest", "dry"] = Field(
-        "error", description="what a wet cell gets where the file has only land"
+    time: str | None = Field(
+        None, description="date of the ice; else time.start, else the file's first record"
     )
+    select: dict[str, int] | None = Field(None, description=_SELECT)
+    mask: str = Field("auto", description=_MASK)
+    fill_land: FillLand = Field("error", description=_FILL_LAND)
+    outside: Literal["error", "open water"] = Field(
+        "error", description="what a wet cell gets that lies outside the file"
+    )
+    position: Position = Field("auto", description=_POSITION)
+    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     size: SizeTable = Field(description="size distribution, by number of floes")
     seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
 
@@ -337,6 +354,12 @@ class CoastTable(Table):
     variable: str | None = Field(
         None, description="its variable; found by its standard name if left out"
     )
+    select: dict[str, int] | None = Field(None, description=_SELECT)
+    outside: Literal["error", "land", "water"] = Field(
+        "error", description="what a cell is that lies outside the file"
+    )
+    position: Position = Field("auto", description=_POSITION)
+    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     geojson: ScenePath | None = Field(
         None, description="GeoJSON file with polygons of land instead"
     )
@@ -347,6 +370,9 @@ class CoastTable(Table):
     def _one_source(self) -> Self:
         if (self.file is None) == (self.geojson is None):
             raise InputError("give either file or geojson")
+        idle = self.model_fields_set - {"file", "geojson", "radius", "thickness"}
+        if self.file is None and idle:
+            raise InputError(f"{min(idle)} is about a file, not about geojson: leave it out")
         return self
 
 
@@ -421,17 +447,12 @@ class FluidTable(Table):
         "auto", description="where u and v lie on a C grid, see `floebmi.cgrid`"
     )
     depth: NonNegative = Field(0.0, description="the level nearest to this depth is taken [m]")
-    select: dict[str, int] | None = Field(
-        None, description="index along any other dimension, as {member = 3}"
-    )
+    select: dict[str, int] | None = Field(None, description=_SELECT)
     units: str | None = Field(None, description="of the velocity, if the file does not say")
-    mask: str = Field("auto", description="its land-sea mask; 'none' takes missing values alone")
-    fill_land: Literal["error", "nearest", "dry"] = Field(
-        "error", description="what a wet cell gets where the file has only land"
-    )
-    file_projection: str | None = Field(
-        None, description="plane of the file's own x and y, if it does not say"
-    )
+    mask: str = Field("auto", description=_MASK)
+    fill_land: FillLand = Field("error", description=_FILL_LAND)
+    position: Position = Field("auto", description=_POSITION)
+    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     beyond_span: Literal["error", "hold", "repeat"] = Field(
         "error", description="what holds before the first and after the last record"
     )
@@ -523,6 +544,18 @@ class Time(Table):
         description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; needed by dated files",
     )
     calendar: str = Field("standard", description="CF calendar of the dates")
+
+    @model_validator(mode="after")
+    def _start_is_a_date(self) -> Self:
+        if self.start is not None and self.calendar != "360_day":
+            try:
+                datetime.datetime.fromisoformat(self.start)
+            except ValueError:
+                raise InputError(
+                    f"start = {self.start!r}: not a date; give one such as '1979-01-16' or "
+                    "'1979-01-16 18:00'"
+                ) from None
+        return self
 
 
 class Output(Table):
@@ -641,7 +674,7 @@ class Scene(Table):
         return Schedule(float(total), float(exchange), float(every))
 
     @contextlib.contextmanager
-    def _place(self, table: str) -> Iterator[None]:
+    def place(self, table: str) -> Iterator[None]:
         """What goes wrong inside is said with file and table."""
         try:
             yield
@@ -659,7 +692,7 @@ class Scene(Table):
         """
         from floebmi.model import Model
 
-        with self._place("domain"):
+        with self.place("domain"):
             domain = self.domain.build()
             check_domain(domain)
             if self.domain.projection is not None:
@@ -670,17 +703,17 @@ class Scene(Table):
             wind_grid = self._grid("atmosphere.grid", self.atmosphere.grid, domain) or grid
         coast = None
         if self.coast is not None:
-            with self._place("coast"):
+            with self.place("coast"):
                 coast = self._coast(self.coast, grid)
             if grid is not None:
                 grid = grid.with_wet(~_on_land(coast.polygons, grid))
         land = [] if coast is None else coast.polygons
         groups = []
         for k, group in enumerate(self.floes):
-            with self._place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
+            with self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
                 groups.append(group.move(self._arrange(group, k, domain, grid, coast)))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
-        with self._place(""):
+        with self.place(""):
             model = Model(
                 domain,
                 floes,
@@ -702,9 +735,9 @@ class Scene(Table):
             )
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
-        with self._place("ocean"):
+        with self.place("ocean"):
             ocean = self._source(self.ocean, model.ocean)
-        with self._place("atmosphere"):
+        with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         return Built(model, ocean, atmosphere, land)
 
@@ -764,7 +797,7 @@ class Scene(Table):
     def _grid(self, name: str, table: Any, domain: Domain) -> Grid | None:
         if table is None:
             return None
-        with self._place(name):
+        with self.place(name):
             return table.build(domain, self._file.parent)
 
     def _sizes(self, table: Any) -> Any:
@@ -787,7 +820,9 @@ class Scene(Table):
             raise InputError("file: needs a [grid] of rows and columns, on which land is found")
         land = read_scalar(
             folder / table.file, "land_fraction", grid, self.domain.projection,
-            variable=table.variable,
+            variable=table.variable, select=table.select, position=table.position,
+            file_projection=table.file_projection,
+            outside={"error": None, "land": 1.0, "water": 0.0}[table.outside],
         )  # fmt: skip
         shape = grid.shape
         return coast.from_land_fraction(
@@ -836,16 +871,20 @@ class Scene(Table):
         from floebmi.scalars import read_scalar
 
         path, plane = self._file.parent / group.file, self.domain.projection
+        of_file = {
+            "time": group.time or self.time.start, "select": group.select, "mask": group.mask,
+            "fill_land": group.fill_land, "outside": None if group.outside == "error" else 0.0,
+            "position": group.position, "file_projection": group.file_projection,
+        }  # fmt: skip
         fraction = read_scalar(
-            path, "area_fraction", grid, plane,
-            variable=group.concentration, fill_land=group.fill_land,
-        )  # fmt: skip
+            path, "area_fraction", grid, plane, variable=group.concentration, **of_file
+        )
         if isinstance(group.thickness, float):
             return fraction, np.full(grid.size, group.thickness)
         thickness = read_scalar(
             path, "thickness", grid, plane,
             variable=group.thickness, concentration=group.concentration,
-            thickness_of=group.thickness_of, fill_land=group.fill_land,
+            thickness_of=group.thickness_of, **of_file,
         )  # fmt: skip
         return np.where(thickness > 0, fraction, 0.0), thickness
 
@@ -872,6 +911,7 @@ class Scene(Table):
             units=table.units,
             mask=table.mask,
             fill_land=table.fill_land,
+            position=table.position,
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
         )

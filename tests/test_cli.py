@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
@@ -99,6 +100,8 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["animate", "no.nc"], "no.nc"),
         (["export", "no.nc"], "no.nc"),
         (["plot", "."], "neither floes.nc nor gridded.nc"),
+        (["run", "two-floes", "--to", "/proc/no"], "/proc/no"),
+        (["run", "two-floes", "--set", "time.start=soon"], "[time] start = 'soon': not a date; give"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line_with_exit_code_2_and_nothing_is_written(
@@ -111,6 +114,40 @@ def test_what_is_wrong_is_said_in_one_line_with_exit_code_2_and_nothing_is_writt
     assert said in result.stderr
     assert result.stdout == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_forcing_that_ends_before_the_run_does_is_refused_at_once_with_its_table(cli, tmp_path):
+    hours = np.array(["2000-01-01T00", "2000-01-01T01"], "datetime64[ns]")
+    current = {"standard_name": "eastward_sea_water_velocity", "units": "m s-1"}
+    across = current | {"standard_name": "northward_sea_water_velocity"}
+    xr.Dataset(
+        {"u": ("time", [0.1, 0.2], current), "v": ("time", [0.0, 0.0], across)}, {"time": hours}
+    ).to_netcdf("point.nc")
+    (tmp_path / "scene.toml").write_text(
+        "[domain]\nx = [0, 1e3]\ny = [0, 1e3]\nedges = 'periodic'\n[grid]\nspacing = 500\n"
+        "[ocean]\nfile = 'point.nc'\n[time]\nduration = 7200\n"
+    )
+    before = sorted(tmp_path.iterdir())
+    for command in ("run", "explain"):
+        result = cli(command, "scene.toml")
+        assert result.exit_code == 2, result.output
+        assert result.stdout == "" and result.stderr.count("\n") == 1
+        assert (
+            "scene.toml: [ocean] point.nc: u: t = 7200 s (2000-01-01T02:00) is out" in result.stderr
+        )
+        assert "2000-01-01 … 2000-01-01T01:00 (t = 0 … 3600 s, 2 records)" in result.stderr
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_film_that_cannot_be_made_is_refused_before_its_meter_is_shown(cli, ran):
+    for more, said in (
+        (["--to", "a.avi"], "allowed: .gif, .mp4"),
+        (["--fps", "0"], "fps = 0: must"),
+    ):
+        result = cli("animate", ran, *more)
+        assert result.exit_code == 2, result.output
+        assert result.stderr.count("\n") == 1 and said in result.stderr
+        assert result.stderr.startswith("floebmi: ")
 
 
 def test_debug_shows_the_traceback(cli):

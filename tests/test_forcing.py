@@ -583,7 +583,7 @@ def test_a_file_that_is_not_there_or_not_a_grid_is_an_error_in_one_line(tmp_path
     with pytest.raises(InputError, match="no such file; did you mean 'currents.nc'"):
         VelocityFile(tmp_path / "curents.nc", square())
     (tmp_path / "text.nc").write_text("not NetCDF")
-    with pytest.raises(InputError, match="cannot be read as NetCDF"):
+    with pytest.raises(InputError, match="is no NetCDF file, or a damaged one$"):
         VelocityFile(tmp_path / "text.nc", square())
     mesh = xr.Dataset({n: ("node", np.zeros(9), M_PER_S) for n in ("uo", "vo")})
     with pytest.raises(InputError, match="meshes and trajectories are not read"):

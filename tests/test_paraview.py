@@ -4,9 +4,9 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 import xarray as xr
-from small_run import GRIDS, small_model, small_run
+from small_run import DOMAIN, GRIDS, small_model, small_run
 
-from floebmi import InputError
+from floebmi import Grid, InputError
 from floebmi.paraview import export
 
 TYPES = {"Float64": "<f8", "Int64": "<i8", "Int32": "<i4", "Int8": "<i1", "UInt8": "<u1"}
@@ -82,6 +82,22 @@ def test_fields_are_cells_of_the_right_shape_on_each_kind_of_grid(tmp_path, kind
         x, y = nodes[corners, 0], nodes[corners, 1]
         area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
         assert area == pytest.approx(model.grid.area[cell], rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", GRIDS)
+def test_the_wind_is_written_if_its_grid_has_the_same_cells(tmp_path, kind):
+    for folder, wind, there in (
+        ("same", GRIDS[kind](), kind != "unstructured"),
+        ("other", Grid.uniform(DOMAIN.x, DOMAIN.y, spacing=4e3), False),
+    ):
+        (tmp_path / folder).mkdir()
+        model = small_model(GRIDS[kind](), atmosphere_grid=wind)
+        gridded, _, _ = small_run(tmp_path / folder, model, frames=1)
+        export(gridded, tmp_path / folder)
+        cells = arrays(next((tmp_path / folder).glob("fields_00000.*")), "CellData")
+        assert ("wind" in cells) == there and "ocean_velocity" in cells
+        if there:
+            assert (cells["wind"] == [8.0, -4.0, 0.0]).all()  # over land, too
 
 
 def test_vtk_itself_reads_the_files(run, tmp_path):

@@ -101,6 +101,24 @@ def test_the_colour_scale_holds_all_frames_unless_limits_are_given(run):
     assert figure.axes[0].collections[-1].get_clim() == (0.0, 0.25)
 
 
+def test_a_scale_cuts_off_what_stands_out_and_nothing_else(tmp_path):
+    for fastest, end in ((0.12, 0.12), (0.101, 0.101), (9.0, 0.1)):
+        floes = Floes(np.arange(1.0, 201.0) * 1e3, 1e3, 400.0, 1.0, u=[fastest, *199 * [0.1]])
+        path = tmp_path / f"{fastest}.nc"
+        model = Model(Domain((0, 202e3), (0, 2e3)), floes)
+        with TrajectoryWriter(path, model) as writer:
+            writer.write(model)
+        clim = draw.frame(path).axes[0].collections[-1].get_clim()
+        assert clim == (0.0, end)
+
+
+def test_a_title_is_cut_into_lines_of_about_the_same_length(run):
+    title = "A box of the open pack: wind, current and the turning of the Earth"
+    lines = draw.frame(run[1], title=title, size=900).axes[0].get_title("left").split("\n")
+    assert " ".join(lines) == title and len(lines) == 2
+    assert abs(len(lines[0]) - len(lines[1])) < 10
+
+
 def test_title_time_axes_and_size_are_right(run):
     figure = draw.frame(run[1], run[0], time=1, size=800)
     axes = figure.axes[0]

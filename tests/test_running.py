@@ -41,6 +41,8 @@ def drifting(u=0.0):
 class Ramp:
     """A current that grows with time; remembers when it was asked for."""
 
+    span = None
+
     def __init__(self, fails_at=np.inf, error=InputError("no data")):
         self.times, self.fails_at, self.error = [], fails_at, error
 

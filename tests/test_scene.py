@@ -346,6 +346,167 @@ concentration = 0.3
     assert len(built.land) == 1
 
 
+# ---- gridded files ----------------------------------------------------------------------------
+
+PLANE = "+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +datum=WGS84"
+
+
+@pytest.fixture
+def sea(tmp_path):
+    """A file of 11 × 11 points, 10 km apart, whose longitudes and latitudes lie 8 km east of its x, y.
+
+    The current is x/1 Mm; ice lies where x > 0, twice as thick on the second day, land where y > 45 km.
+    """
+    import xarray as xr
+
+    from floebmi.projection import to_lonlat
+
+    x = np.arange(-50e3, 51e3, 10e3)
+    x2, y2 = np.meshgrid(x, x)
+    lon, lat = to_lonlat(PLANE, x2 + 8e3, y2)
+    days = np.array(["2016-02-01", "2016-02-03"], "datetime64[ns]")
+
+    def mapped(values, name, units="1", **more):
+        attrs = {"standard_name": name, "units": units, "grid_mapping": "crs", **more}
+        return ("time", "y", "x")[3 - np.ndim(values) :], values, attrs
+
+    ice = (x2 > 0) * 0.6
+    data = xr.Dataset(
+        {
+            "u": mapped(np.stack(2 * [x2 / 1e6]), "sea_water_x_velocity", "m s-1"),
+            "v": mapped(np.stack(2 * [0 * x2]), "sea_water_y_velocity", "m s-1"),
+            "aice": mapped(np.stack(2 * [ice]), "sea_ice_area_fraction"),
+            "hice": mapped(
+                np.stack([ice, 2 * ice]) / 0.6,
+                "sea_ice_thickness",
+                "m",
+                long_name="actual thickness",
+            ),
+            "land": mapped((y2 > 45e3) * 1.0, "land_area_fraction"),
+            "crs": ((), 0, {"grid_mapping_name": "polar_stereographic", "proj4": PLANE}),
+            "lon": (("y", "x"), lon, {"units": "degrees_east"}),
+            "lat": (("y", "x"), lat, {"units": "degrees_north"}),
+        },
+        {
+            "time": days,
+            "y": ("y", x, {"units": "m", "standard_name": "projection_y_coordinate"}),
+            "x": ("x", x, {"units": "m", "standard_name": "projection_x_coordinate"}),
+        },
+    )
+    data.to_netcdf(tmp_path / "sea.nc")
+    return f"""
+[domain]
+x = [-40e3, 40e3]
+y = [-40e3, 40e3]
+projection = "{PLANE}"
+[grid]
+spacing = 5e3
+"""
+
+
+ICE = """
+[floes]
+arrangement = "field"
+file = "sea.nc"
+size = { distribution = "single", radius = 1e3 }
+"""
+
+
+def test_of_two_positions_in_a_file_each_table_takes_the_one_that_the_scene_says(write, sea):
+    ocean = "[ocean]\nfile = 'sea.nc'\n"
+    coast = "[coast]\nfile = 'sea.nc'\nradius = 1e3\n"
+    u, west = {}, {}
+    for position in ("mapping", "lonlat"):
+        word = f"position = '{position}'\n"
+        built = read_scene(write(sea + ocean + word + ICE + word + coast + word)).build()
+        ocean_of = built.model.ocean
+        built.ocean.fill(0.0, ocean_of.u, ocean_of.v)
+        u[position] = ocean_of.u.copy()
+        floes = built.model.floes
+        west[position] = floes.x[floes.motion == 0].min()
+    x = built.model.grid.x
+    np.testing.assert_allclose(u["mapping"], x / 1e6, atol=1e-12)
+    inner = x - 8e3 > -50e3
+    np.testing.assert_allclose(u["lonlat"][inner], (x[inner] - 8e3) / 1e6, atol=1e-8)
+    assert 4e3 < west["lonlat"] - west["mapping"] < 12e3
+    with pytest.warns(UserWarning, match=r"disagree by 8\.\d km"):
+        read_scene(write(sea + ocean)).build()
+
+
+def test_the_ice_is_that_of_the_start_or_of_its_own_date(write, sea):
+    def thickness(more):
+        mapping = "position = 'mapping'\n"
+        floes = read_scene(write(sea + ICE + mapping + more)).build().model.floes
+        return floes.thickness.max()
+
+    assert thickness("") == pytest.approx(1.0)
+    assert thickness("[time]\nstart = '2016-02-02'\n") == pytest.approx(1.5)
+    later = "time = '2016-02-03'\n[time]\nstart = '2016-02-01'\n"
+    assert thickness(later) == pytest.approx(2.0)
+    text = refused(write(sea + ICE + "position = 'mapping'\n[time]\nstart = '2017-02-03'\n"))
+    assert "[floes] sea.nc: aice: time = '2017-02-03': the file has 2016-02-01" in text
+
+
+def test_what_lies_outside_a_file_is_an_error_or_what_the_scene_says(write, sea):
+    wide = sea.replace("y = [-40e3, 40e3]", "y = [-80e3, 80e3]")
+    ice, coast = (
+        ICE + "position = 'mapping'\n",
+        "[coast]\nfile = 'sea.nc'\nradius = 1e3\nposition = 'mapping'\n",
+    )
+    water = "outside = 'open water'\nmask = 'none'\n"
+    assert "lie outside the file" in refused(write(wide + ice))
+    assert "lie outside the file" in refused(write(wide + coast))
+    floes = read_scene(write(wide + ice + water)).build().model.floes
+    assert len(floes) and np.abs(floes.y).max() < 60e3
+    for word, wet in (("land", False), ("water", True)):
+        model = read_scene(write(wide + coast + f"outside = '{word}'\n")).build().model
+        assert (model.grid.wet[np.abs(model.grid.y) > 60e3] == wet).all()
+    text = refused(write(wide + coast + "outside = 'sea'\n"))
+    assert '[coast] outside = "sea": allowed: error, land, water' in text or "water" in text
+
+
+def test_keys_about_a_file_of_land_do_not_stand_beside_polygons(write):
+    path = write(
+        "[domain]\nx = [0, 1]\ny = [0, 1]\n[coast]\ngeojson = 'a'\nradius = 1\nposition = 'lonlat'\n"
+    )
+    assert "[coast] position is about a file, not about geojson" in refused(path)
+
+
+@pytest.mark.parametrize("axes", [("time",), ("time", "lat", "lon")])
+def test_a_series_at_one_point_holds_in_the_whole_box(write, tmp_path, axes):
+    import xarray as xr
+
+    shape = (3, 1, 1)[: len(axes)]
+    east, north = (
+        (
+            axes,
+            np.array(values).reshape(shape),
+            {"standard_name": f"{way}_sea_water_velocity", "units": "m s-1"},
+        )
+        for values, way in (([0.1, 0.3, 0.3], "eastward"), ([0.0, 0.2, 0.2], "northward"))
+    )
+    place = {"lon": 45.0, "lat": 80.0}
+    units = {"lon": "degrees_east", "lat": "degrees_north"}
+    rows = axes[1:] or (None, None)
+    coords = {
+        name: ((name,), [place[name]], {"units": units[name]}) if name in rows
+        else ((), place[name], {"units": units[name]})
+        for name in place
+    }  # fmt: skip
+    hours = np.array(["2000-01-01T00", "2000-01-01T01", "2000-01-01T02"], "datetime64[ns]")
+    xr.Dataset({"u": east, "v": north}, {"time": hours, **coords}).to_netcdf(tmp_path / "point.nc")
+    box = "[domain]\nx = [0, 1e3]\ny = [0, 1e3]\nedges = 'periodic'\n{}\n[grid]\nspacing = 500\n[ocean]\nfile = 'point.nc'\n"
+    for plane, u, v in (("", 0.2, 0.1), (f"projection = '{PLANE}'", -0.1, 0.2)):
+        built = read_scene(write(box.format(plane))).build()
+        ocean = built.model.ocean
+        built.ocean.fill(1800.0, ocean.u, ocean.v)
+        np.testing.assert_allclose(ocean.u, u, atol=1e-8)
+        np.testing.assert_allclose(ocean.v, v, atol=1e-8)
+        assert "one point at lon 45, lat 80, the same everywhere" in repr(built.ocean)
+    with pytest.raises(InputError, match=r"t = 7201 s \(2000-01-01T02:00:01\) is outside"):
+        built.ocean.fill(7201.0, ocean.u, ocean.v)
+
+
 def test_grids_of_every_kind_can_be_asked_for(write, tmp_path):
     from netCDF4 import Dataset
 
