@@ -15,7 +15,7 @@ from floebmi.contact import Contact, prepare
 from floebmi.dynamics import PAIR_BUFFER, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
+from floebmi.forces import BLOCK, BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
 from floebmi.pack import (
     PairList,
     Stiffest,
@@ -273,21 +273,26 @@ class Advance:
             0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
         )
 
-    def _substeps(self, dt: float) -> int:
-        """Sub-steps of the other forces: as many as keep |J| Δt small, so that nothing overshoots."""
-        if not self.forces or not len(self.packed.number):
-            return 1
-        floes, spinning = self.packed.floes, self.packed.spinning
-        speed = float(np.sqrt((floes.u**2 + floes.v**2).max()))
-        spin = 0.0 if spinning is None else float(np.abs(spinning.omega).max())
+    def _substeps(self, dt: float) -> np.ndarray:
+        """Sub-steps of the other forces, for each block of floes: |J| Δt stays small, nothing overshoots."""
+        p = self.packed
+        n = len(p.number)
+        if not self.forces or not n:
+            return np.ones(n // BLOCK + 1, np.int64)
+        speed = float(np.sqrt((p.floes.u**2 + p.floes.v**2).max()))
+        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
         speed = speed_bound(self.forces, self.here, speed)
-        rate = sum(
-            fastest_rate(force, at, speed, spin)
-            for force, at in zip(self.forces, self.here, strict=True)
-        )
-        return max(1, int(np.ceil(rate * dt / DRAG_RESOLUTION)))
+        rate = np.zeros(n)
+        for force, at in zip(self.forces, self.here, strict=True):
+            rate += fastest_rate(force, at, speed, spin)
+        held = (p.inverse_x == 0.0) & (p.inverse_y == 0.0)
+        if p.inverse_spin is not None:
+            held &= p.inverse_spin == 0.0
+        rate[held] = 0.0
+        fastest = np.maximum.reduceat(rate, np.arange(0, n, BLOCK))
+        return np.maximum(1, np.ceil(fastest * dt / DRAG_RESOLUTION)).astype(np.int64)
 
-    def _kernel(self, dt: float, steps: int, substeps: int) -> tuple[int, float]:
+    def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
         half_skin = self._half_skin()
         lists = (
             self.walls, self.wall_floe, self.wall_number, self.wall_damped, self.constraint, self.losses

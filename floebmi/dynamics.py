@@ -201,10 +201,11 @@ def drift(
             buffer[U + k], buffer[V + k] = floe.u, floe.v
         turn_half(spinning, angle, first, n, half, buffer)
         if len(forces) > 0:
-            for _ in range(substeps):
+            parts = substeps[first // BLOCK]
+            for _ in range(parts):
                 push(
                     forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y,
-                    inverse_spin, held, dt / substeps, constraint, buffer,
+                    inverse_spin, held, dt / parts, constraint, buffer,
                 )  # fmt: skip
         for k in range(n):
             floe = floes[first + k]

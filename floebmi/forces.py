@@ -274,18 +274,17 @@ def _fastest(at: np.ndarray) -> float:
     return float(np.sqrt((at[FLUID_U] ** 2 + at[FLUID_V] ** 2).max(initial=0.0)))
 
 
-def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> float:
-    """Bound on |J| [1/s] while floes move no faster than `speed` and spin no faster than `spin`."""
+def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> np.ndarray | float:
+    """Bound on |J| [1/s] of each floe while none moves faster than `speed` or spins faster than `spin`."""
     if isinstance(force, OceanDrag | AirDrag):
-        rate = 2 * (speed + _fastest(at)) * at[RATE].max(initial=0.0)
+        rate = 2 * (speed + np.sqrt(at[FLUID_U] ** 2 + at[FLUID_V] ** 2)) * at[RATE]
         if len(at) > SPIN_RATE:
-            turning = spin + np.abs(at[HALF_CURL]).max(initial=0.0)
-            rate = max(rate, 2 * turning * at[SPIN_RATE].max(initial=0.0))
-        return float(rate)
+            rate = np.maximum(rate, 2 * (spin + np.abs(at[HALF_CURL])) * at[SPIN_RATE])
+        return rate
     if isinstance(force, Coriolis):
         return abs(force.parameter)
     if isinstance(force, CoriolisField):
-        return float(np.abs(at[PARAMETER]).max(initial=0.0))
+        return np.abs(at[PARAMETER])
     return 0.0
 
 
