@@ -194,6 +194,15 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
     )
 
 
+def holds(files: list[File], wanted: Wanted) -> bool:
+    """Whether anything goes by the standard names or the short names of what is wanted."""
+    standard = (name for row in wanted.standard for name in row[:-1])
+    short = (name for row in wanted.short for name in row[:-1])
+    return any(_with_standard_name(files, name) for name in standard) or any(
+        _holding(files, name) for name in short
+    )
+
+
 def _named(files: list[File], name: str, where: str, option: str) -> tuple[File, str]:
     holding = _holding(files, name)
     if not holding:

@@ -23,6 +23,7 @@ from floebmi.fields import (
     field,
     find,
     fraction_factor,
+    holds,
     length_factor,
     open_files,
 )
@@ -123,7 +124,8 @@ def read_scalar(
     quantity : "area_fraction" (ice concentration, 0 to 1), "thickness" (mean over the ice, m), "sea_ice_volume"
         (per area of cell, m), "land_fraction" (0 to 1)
     variable : its name; default: by standard_name, else by well-known names
-    concentration : name of the concentration that turns one kind of thickness into the other
+    concentration : name of the concentration that turns one kind of thickness into the other, and by which
+        points of ice count where a cell lies between ice and open water
     thickness_of : what the file's thickness is the mean over: "ice", "cell", or "auto": what the file says
     time : a date (or seconds, in a file of durations) between records; default: the first record
     units : units of the variable if the file does not say them
@@ -156,14 +158,30 @@ def read_scalar(
         return _concentration(files, on, variable, units)
     found = _find(files, _THICKNESS, variable, "variable", on)
     factor = length_factor(units or found.array.attrs.get("units"), found.label)
-    thickness = _bounded(found.label, factor * _interpolated(found, on), None)
     kind = thickness_of if thickness_of != "auto" else _thickness_of(found)
-    if kind == ("ice" if quantity == "thickness" else "cell"):
-        return thickness
-    share = _concentration(files, on, concentration, None, "concentration")
-    if kind == "ice":
-        return thickness * share
-    return np.divide(thickness, share, out=np.zeros(grid.size), where=share >= _NO_ICE)
+    if kind == "cell" and quantity == "sea_ice_volume":
+        return _bounded(found.label, factor * _interpolated(found, on), None)
+    share = None
+    if (
+        kind == "cell"
+        or quantity == "sea_ice_volume"
+        or concentration is not None
+        or holds(files, _CONCENTRATION)
+    ):
+        share = _find(files, _CONCENTRATION, concentration, "concentration", on)
+    # Volume and area of ice have means between points; thickness has none where some are open water.
+    if kind == "ice" and (share is None or _points(share) != _points(found)):
+        there = _interpolated(found, on, lambda h: np.where(np.isnan(h), h, h > 0))
+        total = _bounded(found.label, factor * _interpolated(found, on), None)
+        thickness = _over(total, there)
+        return thickness if quantity == "thickness" else thickness * _fraction(share, None, on)
+    times = share if kind == "ice" else None
+    volume = _bounded(found.label, factor * _interpolated(found, on, times=times), None)
+    return volume if quantity == "sea_ice_volume" else _over(volume, _fraction(share, None, on))
+
+
+def _over(volume: np.ndarray, area: np.ndarray) -> np.ndarray:
+    return np.divide(volume, area, out=np.zeros(len(area)), where=area >= _NO_ICE)
 
 
 def _find(files: list[File], wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
@@ -174,9 +192,11 @@ def _find(files: list[File], wanted: Wanted, name: str | None, option: str, on: 
 def _concentration(
     files: list[File], on: _On, name: str | None, units: str | None, option: str = "variable"
 ) -> np.ndarray:
-    part = _find(files, _CONCENTRATION, name, option, on)
-    said = units if units is not None else part.array.attrs.get("units")
-    factor = fraction_factor(said, part.label)
+    return _fraction(_find(files, _CONCENTRATION, name, option, on), units, on)
+
+
+def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
+    factor = fraction_factor(units or part.array.attrs.get("units"), part.label)
     return _bounded(part.label, factor * _interpolated(part, on), 1.0)
 
 
@@ -219,9 +239,18 @@ def _land(files: list[File], on: _On, name: str | None, units: str | None) -> np
 
 
 def _interpolated(
-    part: Field, on: _On, convert: Callable[[np.ndarray], np.ndarray] = np.array
+    part: Field,
+    on: _On,
+    convert: Callable[[np.ndarray], np.ndarray] = np.array,
+    times: Field | None = None,
 ) -> np.ndarray:
-    """A field at the cells of the grid (grid.size,), after `convert` of the points' values."""
+    """A field at the cells of the grid (grid.size,), after `convert` of the points' values.
+
+    times : a concentration at the same points, by which the field is multiplied there
+    """
+    share = 1.0
+    if times is not None:
+        share = fraction_factor(times.array.attrs.get("units"), times.label)
     place = place_of(
         part.file, part.array, part.dims, on.projection, on.position, on.file_projection
     )
@@ -232,10 +261,15 @@ def _interpolated(
         before, after, weight = clock.bracket(0.0)
     except InputError:
         raise InputError(f"{part.label}: time = {on.time!r}: the file has {clock}") from None
-    points = convert(part.read(before, box))
+
+    def read(record: int | None) -> np.ndarray:
+        values = convert(part.read(record, box))
+        return values if times is None else values * share * times.read(record, box)
+
+    points = read(before)
     wet = np.isfinite(points)
     if weight:
-        points = (1 - weight) * points + weight * convert(part.read(after, box))
+        points = (1 - weight) * points + weight * read(after)
     land = choose_mask(on.mask, part.file, part.dims, auto=True)
     if land is not None:
         wet &= land.read(box)
@@ -244,6 +278,10 @@ def _interpolated(
     if on.outside is not None:
         values[around.outside] = on.outside
     return values
+
+
+def _points(part: Field) -> tuple[object, ...]:
+    return part.dims, part.shape, part.time, part.array.sizes.get(part.time)
 
 
 def _bounded(label: str, values: np.ndarray, high: float | None) -> np.ndarray:

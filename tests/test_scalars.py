@@ -74,6 +74,19 @@ def test_volume_is_thickness_over_the_ice_times_concentration():
     np.testing.assert_allclose(read_scalar(data, "thickness", square()), 2.0)
 
 
+@pytest.mark.parametrize("with_concentration", [True, False])
+def test_ice_is_no_thinner_beside_open_water(with_concentration):
+    fields = {"sithick": (lambda x, y: np.where(x < 5, 0.0, 2.0), THICKNESS)}
+    if with_concentration:
+        fields["siconc"] = (lambda x, y: np.where(x < 5, 0.0, 0.5), CONCENTRATION)
+    grid = Grid.uniform((4, 7), (0, 10), shape=(5, 6))  # centres at 4.25, 4.75, …
+    thickness = read_scalar(on_metres(**fields), "thickness", grid)
+    np.testing.assert_allclose(thickness, 2.0, rtol=1e-13)
+    if with_concentration:  # what there is of it is the mean of the volume
+        volume = read_scalar(on_metres(**fields), "sea_ice_volume", grid)
+        np.testing.assert_allclose(volume, np.clip(grid.x - 4, 0, 1), rtol=1e-13)
+
+
 def test_thickness_of_unknown_meaning_is_refused():
     with pytest.raises(InputError, match="thickness_of = 'ice' or 'cell'"):
         read_scalar(on_metres(hice=(2.0, THICKNESS)), "thickness", square())
