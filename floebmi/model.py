@@ -438,22 +438,25 @@ class Model:
         return self._state.counters
 
     @property
+    def wall_edges(self) -> tuple[str, ...]:
+        """The edge at which each wall stands: listed walls first, then closed edges."""
+        names = {(0, 1): "west", (0, -1): "east", (1, 1): "south", (1, -1): "north"}
+        return tuple(names[int(wall.axis), int(wall.side)] for wall in self._state.walls)
+
+    @property
     def wall_positions(self) -> np.ndarray:
-        """Coordinates of the walls along their normals [m]: listed walls first, then closed edges."""
+        """Coordinates of the walls along their normals [m], in the order of `wall_edges`."""
         return np.array(self._state.walls.position)
 
     def wall_stress(self) -> np.ndarray:
         """Normal stress of the ice on each wall now [Pa], positive presses, over its length × mean thickness."""
         self._now()  # leaves the forces on the walls in their records
-        ice = self.floes.active & ~self.floes.land
+        walls, ice = self._state.walls, self.floes.active & ~self.floes.land
+        if not ice.any():
+            return np.zeros(len(walls))
         thickness = self.floes.volume[ice].sum() / self.floes.area[ice].sum()
-        lengths = [(self.domain.y, self.domain.x)[int(w.axis)] for w in self._state.walls]
-        return np.array(
-            [
-                -wall.side * wall.force / ((high - low) * thickness)
-                for wall, (low, high) in zip(self._state.walls, lengths, strict=True)
-            ]
-        )
+        along = np.array([np.ptp((self.domain.y, self.domain.x)[int(w.axis)]) for w in walls])
+        return 0.0 - walls.side * walls.force / (along * thickness)
 
     def longest_step(self) -> float:
         """The step that would be taken now [s]; inf where nothing limits it."""

@@ -277,6 +277,7 @@ class TrajectoryWriter(_GrowingFile):
         with self._frame(model.time) as (data, k):
             if k == 0:
                 self._define(data, values, n)
+                _define_walls(data, model.wall_edges)
             data["time"][k] = model.time
             first = len(data.dimensions["trajectory"])
             data["trajectory"][first:n] = np.arange(first, n)
@@ -286,6 +287,9 @@ class TrajectoryWriter(_GrowingFile):
                 else:
                     missing = np.nan if value.dtype == np.float64 else -1
                     data[name][k, :n] = np.where(gone, missing, value)
+            if model.wall_edges:
+                data["wall_position"][k] = model.wall_positions
+                data["wall_normal_stress"][k] = model.wall_stress()
             _write_ledger(data, k, model)
         self._written = {name: values[name].copy() for name in self._constant}
 
@@ -410,6 +414,20 @@ def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
 
 def _define_time(data: "Dataset", attributes: Mapping[str, str]) -> None:
     data.createVariable("time", "f8", ("time",), chunksizes=(512,)).setncatts(attributes)
+
+
+def _define_walls(data: "Dataset", edges: tuple[str, ...]) -> None:
+    if not edges:
+        return
+    data.createDimension("wall", len(edges))
+    data.createVariable("wall", str, ("wall",))[:] = np.array(edges, object)
+    data["wall"].long_name = "edge of the domain at which the wall stands"
+    for name, units, text in (
+        ("wall_position", "m", "coordinate of the wall along its normal"),
+        ("wall_normal_stress", "Pa", "normal stress of the ice on the wall, positive presses"),
+    ):
+        variable = data.createVariable(name, "f8", ("time", "wall"), **_storage(512, (len(edges),)))
+        variable.setncatts({"units": units, "long_name": text})
 
 
 def _define_projection(data: "Dataset", projection: str | None) -> None:

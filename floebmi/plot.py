@@ -716,6 +716,20 @@ def _draw_wind(axes: "Axes", view: _View, k: int) -> list[Any]:
 
 
 @final
+def _draw_walls(axes: "Axes", view: _View, k: int) -> list[Any]:
+    """Walls that stand away from the edge of the picture."""
+    if "wall_position" not in view.data.variables:
+        return []
+    edges = ("west", "east", "south", "north")
+    artists = []
+    for edge, position in zip(view.data["wall"][:], view.data["wall_position"][k], strict=True):
+        place = float(position) / view.length[0]
+        if place != view.box[edges.index(edge)]:
+            line = axes.axvline if edge in ("west", "east") else axes.axhline
+            artists.append(line(place, color=INK, linewidth=2.0))
+    return artists
+
+
 class _FloePicture:
     """A figure that can show any frame: what stands still is drawn once, the rest anew for each frame."""
 
@@ -770,6 +784,7 @@ class _FloePicture:
         if pixels > 3.0:
             edge = {"edgecolor": INK, "linewidth": min(0.05 * pixels, 0.5)}
         self._moving.append(self._circles(x, y, radius, ice, **look, **edge))
+        self._moving += _draw_walls(self.axes, self._view, k)
         self._moving += _draw_wind(self.axes, self._view, k)
         if self._arrows is not None:
             self._moving += _draw_arrows(self.axes, self._view, self._arrows, k)

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as stn
 from netCDF4 import Dataset
 from small_run import GRIDS, LAND, small_model, small_run
 
-from floebmi import Floes, Grid, InputError, Model
+from floebmi import Domain, Floes, Grid, InputError, Model, Wall, frictional
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
@@ -413,7 +413,7 @@ from floebmi.output import TrajectoryWriter
 n = 5000
 model = Stub(
     domain=Domain((0.0, 1.0), (0.0, 1.0)), floes=Floes(np.zeros(n), 0.0, 1.0, 1.0), time=0.0, seed=0,
-    contact=None, forces=(), step=None, ice_density=900.0, ledger=Ledger(), grid=None,
+    contact=None, forces=(), step=None, ice_density=900.0, ledger=Ledger(), grid=None, wall_edges=(),
 )
 with TrajectoryWriter(sys.argv[1], model, contacts=False) as writer:
     while True:
@@ -568,3 +568,28 @@ def test_a_save_that_fails_leaves_the_older_restart_file(tmp_path, monkeypatch):
         save_restart(path, {"a": 2.0})
     assert load_restart(path)[0] == {"a": 1.0}
     assert [file.name for file in Path(tmp_path).iterdir()] == ["a.nc"]
+
+
+def test_walls_stand_in_the_trajectory_file_with_their_places_and_stresses(tmp_path):
+    domain = Domain((0.0, 100.0), (0.0, 100.0), west="closed")
+    floes = Floes(np.arange(5) * 19.9 + 10, 50.0, 10.0, 1.0)
+    wall = Wall("east", velocity=-0.1)
+    model = Model(domain, floes, contact=frictional(), walls=[wall])
+    with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
+        for _ in range(3):
+            model.advance(10.0)
+            writer.write(model)
+    with xr.open_dataset(tmp_path / "floes.nc") as data:
+        assert list(data.wall.values) == list(model.wall_edges) == ["east", "west"]
+        assert data.wall_position.values[:, 0] == pytest.approx([99.0, 98.0, 97.0])
+        assert (data.wall_position.values[:, 1] == 0.0).all()
+        assert (data.wall_normal_stress.values[-1] == model.wall_stress()).all()
+        assert (data.wall_normal_stress.values[-1] > 0).all()
+
+
+def test_a_run_without_ice_writes_its_walls_too(tmp_path):
+    domain = Domain((0.0, 100.0), (0.0, 100.0), west="closed")
+    model = Model(domain, Floes([], [], [], []), contact=frictional())
+    with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
+        writer.write(model)
+    assert (model.wall_stress() == 0.0).all()
