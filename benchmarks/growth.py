@@ -34,7 +34,7 @@ def cost(models: dict[str, fb.Model], repeats: int, floe_steps: float) -> dict[s
     best = dict.fromkeys(models, np.inf)
     for _ in range(repeats):
         for name, model in models.items():
-            duration = max(60, floe_steps // len(model.floes)) * model.longest_step()
+            duration = max(300, floe_steps // len(model.floes)) * model.longest_step()
             before, start = model.counters.floe_steps, time.perf_counter()
             model.advance(duration)
             spent = time.perf_counter() - start

@@ -129,31 +129,46 @@ def _(memory: None, p, value):
 
 
 @jit
-def kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, walls, dt, constraint):
-    """Contact forces change the velocities for a time dt; held floes and walls are booked."""
-    for k in range(inverse_x.size):
+def kick(
+    floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, first, n, dt, constraint
+):
+    """Contact forces change the velocities of a block of floes for a time dt; held ones are booked."""
+    for k in range(first, first + n):
         floes[k].u += dt * inverse_x[k] * force[k].x
         floes[k].v += dt * inverse_y[k] * force[k].y
-    kick_spin(spinning, force, inverse_spin, dt)
-    for q in range(held.size):
-        k = held[q]
-        x = 0.0 if inverse_x[k] > 0.0 else -dt * force[k].x
-        y = 0.0 if inverse_y[k] > 0.0 else -dt * force[k].y
-        constraint[0] += x
-        constraint[1] += y
-        constraint[2] += x * floes[k].u + y * floes[k].v
-        constraint[2] += held_spin_work(spinning, force, inverse_spin, k, dt)
-    kick_walls(walls, dt)
+    kick_spin(spinning, force, inverse_spin, first, n, dt)
+    if held.size == 0:
+        return
+    for k in range(first, first + n):
+        if inverse_x[k] == 0.0:
+            constraint[0] -= dt * force[k].x
+            constraint[2] -= dt * force[k].x * floes[k].u
+        if inverse_y[k] == 0.0:
+            constraint[1] -= dt * force[k].y
+            constraint[2] -= dt * force[k].y * floes[k].v
+    hold_kick_back(spinning, force, inverse_spin, first, n, dt, constraint)
 
 
 @dispatched
-def kick_spin(spinning, force, inverse_spin, dt):
-    for k in range(inverse_spin.size):
+def kick_spin(spinning, force, inverse_spin, first, n, dt):
+    for k in range(first, first + n):
         spinning[k].omega += dt * inverse_spin[k] * force[k].torque
 
 
 @kick_spin.register
-def _(spinning: None, force, inverse_spin, dt):
+def _(spinning: None, force, inverse_spin, first, n, dt):
+    pass
+
+
+@dispatched
+def hold_kick_back(spinning, force, inverse_spin, first, n, dt, constraint):
+    for k in range(first, first + n):
+        if inverse_spin[k] == 0.0:
+            constraint[2] -= dt * force[k].torque * spinning[k].omega
+
+
+@hold_kick_back.register
+def _(spinning: None, force, inverse_spin, first, n, dt, constraint):
     pass
 
 
@@ -172,49 +187,34 @@ def _(walls: None, dt):
     pass
 
 
-@dispatched
-def held_spin_work(spinning, force, inverse_spin, k, dt):
-    if inverse_spin[k] > 0.0:
-        return 0.0
-    return -dt * force[k].torque * spinning[k].omega
-
-
-@held_spin_work.register
-def _(spinning: None, force, inverse_spin, k, dt):
-    return 0.0
-
-
 @jit
 def drift(
     forces, at, floes, spinning, angle, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
-    walls, dt, substeps, constraint, buffer,
+    first, n, dt, parts, constraint, buffer,
 ):  # fmt: skip
-    """Half the way, the other forces, half the way; returns the largest speed² [m²/s²]."""
+    """Half the way, the other forces in `parts` steps, half the way; returns the largest speed² [m²/s²]."""
     fastest = 0.0
     half = 0.5 * dt
-    for first in range(0, floes.size, BLOCK):
-        n = min(BLOCK, floes.size - first)
-        for k in range(n):
-            floe = floes[first + k]
-            floe.x += half * floe.u
-            floe.y += half * floe.v
-            buffer[U + k], buffer[V + k] = floe.u, floe.v
-        turn_half(spinning, angle, first, n, half, buffer)
-        if len(forces) > 0:
-            parts = substeps[first // BLOCK]
-            for _ in range(parts):
-                push(
-                    forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y,
-                    inverse_spin, held, dt / parts, constraint, buffer,
-                )  # fmt: skip
-        for k in range(n):
-            floe = floes[first + k]
-            floe.u, floe.v = buffer[U + k], buffer[V + k]
-            floe.x += half * floe.u
-            floe.y += half * floe.v
-            fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
-        turn_other_half(spinning, angle, first, n, half, buffer)
-    return max(fastest, drift_walls(walls, dt))
+    for k in range(n):
+        floe = floes[first + k]
+        floe.x += half * floe.u
+        floe.y += half * floe.v
+        buffer[U + k], buffer[V + k] = floe.u, floe.v
+    turn_half(spinning, angle, first, n, half, buffer)
+    if len(forces) > 0:
+        for _ in range(parts):
+            push(
+                forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin,
+                held, dt / parts, constraint, buffer,
+            )  # fmt: skip
+    for k in range(n):
+        floe = floes[first + k]
+        floe.u, floe.v = buffer[U + k], buffer[V + k]
+        floe.x += half * floe.u
+        floe.y += half * floe.v
+        fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
+    turn_other_half(spinning, angle, first, n, half, buffer)
+    return fastest
 
 
 @dispatched
@@ -336,14 +336,10 @@ def touch(
     wall_floe, wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint,
     buffer,
 ):  # fmt: skip
-    """Contact forces at the present place; `dt` is the time over which contacts have slipped.
+    """Add the contact forces at the present place; `dt` is the time over which contacts have slipped.
 
     Floes whose contact opened or closed in that time are struck, unless `inverse_x` is None.
     """
-    for k in range(force.size):
-        force[k].x = 0.0
-        force[k].y = 0.0
-    clear_torque(spinning, force)
     losses = touch_floes(
         law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
         inverse_x, inverse_y, inverse_spin, constraint, buffer,
@@ -355,14 +351,23 @@ def touch(
     return Losses(losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.broken)
 
 
+@jit
+def forget(spinning, force, first, n):
+    """Forces of the last step are used up."""
+    for k in range(first, first + n):
+        force[k].x = 0.0
+        force[k].y = 0.0
+    forget_torque(spinning, force, first, n)
+
+
 @dispatched
-def clear_torque(spinning, force):
-    for k in range(force.size):
+def forget_torque(spinning, force, first, n):
+    for k in range(first, first + n):
         force[k].torque = 0.0
 
 
-@clear_torque.register
-def _(spinning: None, force):
+@forget_torque.register
+def _(spinning: None, force, first, n):
     pass
 
 
@@ -601,30 +606,38 @@ def verlet(
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
 
-    The last half kick of a step and the first of the next are the same force: they are one kick.
+    The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
+    are kicked and drift a block at a time, while they are in the cache.
     """
     p = packed
     pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
-    kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-         walls, 0.5 * dt, constraint)  # fmt: skip
-    done = 0
-    more = True
-    while more:
-        fastest = drift(
-            forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x, p.inverse_y,
-            p.inverse_spin, p.held, walls, dt, substeps, constraint, force_buffer,
-        )  # fmt: skip
-        done += 1
-        travelled += dt * np.sqrt(fastest)
-        more = done < steps and travelled < half_skin
+    done, kicked = 0, 0.5 * dt
+    while done < steps and travelled < half_skin:
+        kick_walls(walls, kicked)
+        fastest = drift_walls(walls, dt)
+        for first in range(0, p.floes.size, BLOCK):
+            n = min(BLOCK, p.floes.size - first)
+            kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+                 first, n, kicked, constraint)  # fmt: skip
+            forget(p.spinning, p.force, first, n)
+            speed2 = drift(
+                forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
+                p.inverse_y, p.inverse_spin, p.held, first, n, dt, substeps[first // BLOCK],
+                constraint, force_buffer,
+            )  # fmt: skip
+            fastest = max(fastest, speed2)
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
             pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
             p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
         )  # fmt: skip
-        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             walls, dt if more else 0.5 * dt, constraint)  # fmt: skip
         book_losses(losses, lost)
+        travelled += dt * np.sqrt(fastest)
+        done, kicked = done + 1, dt
+    if done > 0:
+        kick_walls(walls, 0.5 * dt)
+        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+             0, p.floes.size, 0.5 * dt, constraint)  # fmt: skip
     return done, travelled
 
 
@@ -643,6 +656,7 @@ def taylor(
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.zeros(FORCE_BUFFER)
     done = 0
     while done < steps and travelled < half_skin:
+        forget(p.spinning, p.force, 0, p.floes.size)
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
             pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
