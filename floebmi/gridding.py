@@ -38,31 +38,7 @@ from floebmi.errors import InputError
 from floebmi.geometry import cut
 from floebmi.grid import Grid, bin_of
 from floebmi.kernels import jit
-from floebmi.sampling import (
-    Period,
-    Weights,
-    check_floes,
-    images,
-    overlap_areas,
-    scatter,
-)
-
-
-class Coverage(NamedTuple):
-    """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
-
-    start : (n + 1,) int64
-    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
-    area : (m,) area of the floe in the cell [m²]
-    size : number of cells of the grid
-    outside : (n,) area of each floe outside the grid [m²], to round-off of its whole area
-    """
-
-    start: np.ndarray
-    cell: np.ndarray
-    area: np.ndarray
-    size: int
-    outside: np.ndarray
+from floebmi.sampling import Coverage, Period, Weights, images, scatter
 
 
 class AreaBudget(NamedTuple):
@@ -95,32 +71,6 @@ class InternalStress(NamedTuple):
     outside: np.ndarray
 
 
-def coverage(
-    grid: Grid,
-    x: np.ndarray,
-    y: np.ndarray,
-    radius: np.ndarray | float,
-    period: Period = (None, None),
-) -> Coverage:
-    """Exact area of each floe in each cell, wet or dry, and outside the grid.
-
-    Parameters
-    ----------
-    x, y : (n,) floe centres [m]
-    radius : (n,) [m]
-    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
-
-    Raises
-    ------
-    InputError
-        for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
-    """
-    x, y, radius = check_floes(x, y, radius)
-    start, cell, area = overlap_areas(grid, x, y, radius, period, only_wet=False)
-    inside = np.bincount(_floe(start), weights=area, minlength=radius.size)
-    return Coverage(start, cell, area, grid.size, outside=np.pi * radius**2 - inside)
-
-
 def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     """Where the area of the floes is: wet cells, overlap, dry cells, outside the grid [m²]."""
     _check_grid(grid, coverage.size)
@@ -134,6 +84,41 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     )
 
 
+STATE = (
+    "area_fraction", "overlap_fraction", "thickness", "mass_per_area", "ice_velocity_x",
+    "ice_velocity_y", "floe_count", "mean_radius", "coordination_number",
+)  # fmt: skip
+
+
+@jit
+def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fill, sums, out):
+    """Sums over the floes of each cell, and then its fields in the order of STATE."""
+    for k in range(start.size - 1):
+        number = 1.0 / (np.pi * r[k] * r[k])
+        for e in range(start[k], start[k + 1]):
+            a, row = area[e], sums[cell[e]]
+            volume, share = a * h[k], a * number
+            row[0] += a
+            row[1] += volume
+            row[2] += volume * u[k]
+            row[3] += volume * v[k]
+            row[4] += share
+            row[5] += share * r[k]
+            row[6] += share * contacts[k]
+    for c in range(cell_area.size):
+        ice, volume, along_x, along_y, count, radii, partners = sums[c]
+        fraction = ice / cell_area[c]
+        out[0, c] = min(fraction, 1.0)
+        out[1, c] = fraction - out[0, c]
+        out[2, c] = volume / ice if ice > 0.0 else fill
+        out[3, c] = density * volume / cell_area[c]
+        out[4, c] = along_x / volume if ice > 0.0 else fill
+        out[5, c] = along_y / volume if ice > 0.0 else fill
+        out[6, c] = count
+        out[7, c] = radii / count if ice > 0.0 else fill
+        out[8, c] = partners / count if ice > 0.0 else fill
+
+
 def cell_fields(
     grid: Grid,
     coverage: Coverage,
@@ -142,7 +127,7 @@ def cell_fields(
     v: np.ndarray | float,
     radius: np.ndarray | float,
     density: float,
-    coordination: np.ndarray | None = None,
+    coordination: np.ndarray | float = 0.0,
     fill: float = 0.0,
 ) -> dict[str, np.ndarray]:
     """The floes as fields on the grid, one value per cell.
@@ -152,7 +137,7 @@ def cell_fields(
     coverage : of the same floes on this grid
     thickness, u, v, radius : (n,) floe thickness [m], velocity [m/s], radius [m]
     density : of ice [kg/m³]
-    coordination : (n,) number of contacts of each floe
+    coordination : (n,) number of contacts of each floe [1]
     fill : what means show where there is no ice: 0 in memory, NaN in files
 
     Returns
@@ -161,7 +146,7 @@ def cell_fields(
     area_fraction [1] at most 1; overlap_fraction [1] what is beyond 1; thickness [m] mean over the
     ice; mass_per_area [kg/m²] of the cell; ice_velocity_x, ice_velocity_y [m/s] mean by mass;
     floe_count [1] sum of the shares of floes by area, so that the grid's sum is the number of floes
-    in it; mean_radius [m] and coordination_number [1] (if given), means over those shares.
+    in it; mean_radius [m] and coordination_number [1], means over those shares.
 
     Raises
     ------
@@ -170,36 +155,16 @@ def cell_fields(
     """
     _check_grid(grid, coverage.size)
     n = coverage.start.size - 1
-    h, u, v, r = (
-        _per_floe(name, values, n)
-        for name, values in (("thickness", thickness), ("u", u), ("v", v), ("radius", radius))
-    )
-    floe = _floe(coverage.start)
-
-    def total(per_area: np.ndarray) -> np.ndarray:
-        shares = coverage.area * per_area[floe]
-        return np.bincount(coverage.cell, weights=shares, minlength=grid.size)
-
-    def mean(sum_: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        return np.divide(sum_, weight, out=np.full(grid.size, fill), where=weight > 0)
-
-    number = 1.0 / (np.pi * r**2)
-    ice, volume, count = total(np.ones(n)), total(h), total(number)
-    fraction = np.minimum(ice / grid.area, 1.0)
-    fields = {
-        "area_fraction": fraction,
-        "overlap_fraction": ice / grid.area - fraction,
-        "thickness": mean(volume, ice),
-        "mass_per_area": density * volume / grid.area,
-        "ice_velocity_x": mean(total(h * u), volume),
-        "ice_velocity_y": mean(total(h * v), volume),
-        "floe_count": count,
-        "mean_radius": mean(total(number * r), count),
-    }
-    if coordination is not None:
-        contacts = _per_floe("coordination", coordination, n)
-        fields["coordination_number"] = mean(total(number * contacts), count)
-    return fields
+    per_floe = {
+        "thickness": thickness, "u": u, "v": v, "radius": radius, "coordination": coordination
+    }  # fmt: skip
+    arrays = [_per_floe(name, values, n) for name, values in per_floe.items()]
+    out = np.empty((len(STATE), grid.size))
+    _cell_fields(
+        coverage.start, coverage.cell, coverage.area, *arrays,
+        grid.area, density, fill, np.zeros((grid.size, 7)), out,
+    )  # fmt: skip
+    return dict(zip(STATE, out, strict=True))
 
 
 @jit
@@ -360,11 +325,9 @@ def divergence(
         for arrays of a wrong size.
     """
     _check_grid(grid, weights.size)
-    result = np.zeros(grid.size), np.zeros(grid.size)
-    for force, out in zip((force_x, force_y), result, strict=True):
-        scatter(weights, force, out)
-        out /= grid.area
-    return result
+    force = np.zeros((grid.size, 2))
+    scatter(weights, np.stack([force_x, force_y], axis=1), force)
+    return force[:, 0] / grid.area, force[:, 1] / grid.area
 
 
 def pressure(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
@@ -374,19 +337,15 @@ def pressure(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
 
 def maximum_shear(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> np.ndarray:
     """Largest shear stress over all directions, √(((σ_xx − σ_yy)/2)² + σ_xy²) [N/m]."""
-    return np.hypot(0.5 * (xx - yy), xy)
-
-
-def _floe(start: np.ndarray) -> np.ndarray:
-    """The row of each entry."""
-    return np.repeat(np.arange(start.size - 1), np.diff(start))
+    half = 0.5 * (xx - yy)
+    return np.sqrt(half * half + xy * xy)
 
 
 def _per_floe(name: str, values: np.ndarray | float, n: int) -> np.ndarray:
     array = np.asarray(values, np.float64)
     if array.ndim and array.shape != (n,):
         raise InputError(f"{name} has shape {array.shape}: must be ({n},), one per floe")
-    return np.broadcast_to(array, (n,))
+    return np.ascontiguousarray(np.broadcast_to(array, (n,)))
 
 
 def _check_grid(grid: Grid, size: int) -> None:
