@@ -490,7 +490,7 @@ class FloeBmi(Bmi):
             ) from None
         if not np.isfinite(time) or time < now.model.time:
             raise InputError(
-                f"update_until: time = {time:.17g} s: must be at least the current time, "
+                f"update_until: time = {time:.17g} s: must be finite, and at least the current time, "
                 f"{now.model.time:.17g} s"
             )
         if time > now.model.time:
