@@ -612,7 +612,7 @@ class FloeBmi(Bmi):
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
         row, values = self._input(name)
         given = _numbers(name, src, values.size)
-        self._refuse_not_finite(row, given, np.arange(values.size))
+        self._refuse_not_finite(row, given, None)
         values[:] = given
         self._now("set_value").taken_over(row)
 
@@ -625,12 +625,17 @@ class FloeBmi(Bmi):
         values[inds] = given
         self._now("set_value_at_indices").taken_over(row)
 
-    def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray) -> None:
-        wrong = ~np.isfinite(given) & self._now("set_value").wet_of(row)[inds]
+    def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray | None) -> None:
+        finite = np.isfinite(given)
+        if finite.all():
+            return
+        wet = self._now("set_value").wet_of(row)
+        wrong = ~finite & (wet if inds is None else wet[inds])
         if wrong.any():
             k = int(np.argmax(wrong))
+            place = k if inds is None else inds[k]
             raise InputError(
-                f"{row.csdms}: {given[k]} at index {inds[k]}, a wet cell: must be finite"
+                f"{row.csdms}: {given[k]} at index {place}, a wet cell: must be finite"
             )
 
     # ---- grids --------------------------------------------------------------------------------
@@ -809,7 +814,7 @@ def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
         raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
     if given.size != size:
         raise InputError(f"{name}: {given.size} values; must be {size}")
-    return given.astype(np.float64).ravel()
+    return np.asarray(given, np.float64).ravel()
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:

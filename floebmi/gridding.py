@@ -84,6 +84,36 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     )
 
 
+@jit
+def give_back(
+    start, cell, weight, impulse_x, impulse_y, coefficient, cell_area,
+    last_x, last_y, magnitude, slope, total_x, total_y,
+):  # fmt: skip
+    """Share out what a fluid gave to the floes, by the weights it was read with, and turn its sign.
+
+    impulse_x, impulse_y, coefficient : of each floe [N s], [kg/s], for the rows of the weights
+    cell_area : [m²]
+    last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
+    magnitude, slope : filled with Σ |impulse| [N s/m²] and Σ coefficient [kg m-2 s-1] per cell area
+    """
+    for c in range(cell_area.size):
+        last_x[c] = last_y[c] = magnitude[c] = slope[c] = 0.0
+    for k in range(start.size - 1):
+        x, y = impulse_x[k], impulse_y[k]
+        size = np.sqrt(x * x + y * y)
+        for e in range(start[k], start[k + 1]):
+            c, w = cell[e], weight[e]
+            last_x[c] -= w * x
+            last_y[c] -= w * y
+            magnitude[c] += w * size
+            slope[c] += w * coefficient[k]
+    for c in range(cell_area.size):
+        magnitude[c] /= cell_area[c]
+        slope[c] /= cell_area[c]
+        total_x[c] += last_x[c]
+        total_y[c] += last_y[c]
+
+
 STATE = (
     "area_fraction", "overlap_fraction", "thickness", "mass_per_area", "ice_velocity_x",
     "ice_velocity_y", "floe_count", "mean_radius", "coordination_number",

@@ -52,6 +52,7 @@ from floebmi.grid import Grid
 from floebmi.gridding import (
     cell_fields,
     divergence,
+    give_back,
     internal_stress,
     maximum_shear,
     pressure,
@@ -65,7 +66,6 @@ from floebmi.sampling import (
     coverage,
     floe_weights,
     gather,
-    scatter,
     shares,
     without_cell,
 )
@@ -108,8 +108,7 @@ class Fluid:
         """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
         if self._curl is None:
             self._curl = Vorticity(self.grid)
-        u, v = (np.where(self.grid.wet, values, 0.0) for values in (self.u, self.v))
-        return self._curl(u, v)
+        return self._curl(self.u, self.v)
 
 
 class _Seen:
@@ -405,12 +404,17 @@ class Model:
             fluid = self._fluid_of(force)
             if fluid is None:
                 continue
-            w = weights[id(fluid.grid)] = self.weights(fluid.grid)
+            grid = id(fluid.grid)
+            if grid not in weights:
+                weights[grid] = self.weights(fluid.grid)
+            w = weights[grid]
             if isinstance(force, CoriolisField):
                 at[PARAMETER] = gather(w, fluid.coriolis)
                 continue
             if isinstance(force, Tilt):
-                at[FLUID_U], at[FLUID_V] = gather(w, np.stack([fluid.tilt_x, fluid.tilt_y], axis=1)).T
+                at[FLUID_U], at[FLUID_V] = gather(
+                    w, np.stack([fluid.tilt_x, fluid.tilt_y], axis=1)
+                ).T
                 continue
             fields = [fluid.u, fluid.v]
             nowhere = without_cell(w)
@@ -438,14 +442,12 @@ class Model:
             fluid, f = self._fluid_of(force), self.floes
             speed = np.hypot(at[FLUID_U] - f.u, at[FLUID_V] - f.v)
             slip = np.where(f.active, speed * at[RATE] * f.mass(self.ice_density), 0.0)
-            given = [-at[X], -at[Y], np.hypot(at[X], at[Y]), slip]
-            w, total = weights[id(fluid.grid)], np.zeros((fluid.grid.size, 4))
-            scatter(w, np.stack(given, axis=1)[:known], total)
-            fluid.last_x[:], fluid.last_y[:] = total[:, 0], total[:, 1]
-            np.divide(total[:, 2], fluid.grid.area, out=fluid.magnitude)
-            np.divide(total[:, 3], fluid.grid.area, out=fluid.coefficient)
-            fluid.impulse_x += fluid.last_x
-            fluid.impulse_y += fluid.last_y
+            w = weights[id(fluid.grid)]
+            give_back(
+                w.start, w.cell, w.weight, at[X, :known], at[Y, :known], slip[:known],
+                fluid.grid.area, fluid.last_x, fluid.last_y, fluid.magnitude, fluid.coefficient,
+                fluid.impulse_x, fluid.impulse_y,
+            )  # fmt: skip
             lost = without_cell(w)
             for axis, values in enumerate((at[X], at[Y])):
                 fluid.undelivered[axis] -= values[:known][lost].sum()
@@ -554,11 +556,12 @@ class Model:
             if fluid is None:
                 continue
             per_area = sign / fluid.grid.area
+            mean = per_area * over
             for axis, last, running in (
                 ("x", fluid.last_x, fluid.impulse_x),
                 ("y", fluid.last_y, fluid.impulse_y),
             ):
-                fields[f"{what}_stress_{axis}"] = last * per_area * over
+                fields[f"{what}_stress_{axis}"] = last * mean
                 fields[f"{what}_impulse_{axis}"] = running * per_area
         if self.ocean is not None:
             areas = self.coverage()
