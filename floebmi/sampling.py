@@ -80,15 +80,17 @@ def _with_room(cell, area, needed):
 
 
 @jit
-def _overlap_rectangles(x_edges, x_first, y_edges, y_first, x, y, radius, start, cell, area):
-    """Areas of discs in the cells of a rectilinear grid: fills start, returns cell, area."""
+def _overlap_rectangles(
+    x_edges, x_first, y_edges, y_first, x, y, radius, start, inside, cell, area
+):
+    """Areas of discs in the cells of a rectilinear grid: fills start and inside, returns cell, area."""
     nx = x_edges.size - 1
     west = np.empty(nx + 1)  # H of the grid lines that cross the disc
     below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
     above = np.empty(nx + 1)
     m = start[0]
     for k in range(x.size):
-        cx, cy, r = x[k], y[k], radius[k]
+        cx, cy, r, total = x[k], y[k], radius[k], 0.0
         least = ROUND_OFF * math.pi * r * r
         i0 = column(x_edges, x_first, cx - r)
         i1 = column(x_edges, x_first, cx + r)
@@ -114,21 +116,22 @@ def _overlap_rectangles(x_edges, x_first, y_edges, y_first, x, y, radius, start,
                     amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
                 if amount > least:
                     cell[m], area[m] = (j - 1) * nx + i, amount
+                    total += amount
                     m += 1
             below, above = above, below
-        start[k + 1] = m
+        start[k + 1], inside[k] = m, total
     return cell, area
 
 
 @jit
 def _overlap_polygons(
     origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y,
-    x, y, radius, start, cell, area,
+    x, y, radius, start, inside, cell, area,
 ):  # fmt: skip
-    """Areas of discs in the cells of any grid: fills start, returns cell, area."""
+    """Areas of discs in the cells of any grid: fills start and inside, returns cell, area."""
     m = start[0]
     for k in range(x.size):
-        cx, cy, r = x[k], y[k], radius[k]
+        cx, cy, r, total = x[k], y[k], radius[k], 0.0
         least = ROUND_OFF * math.pi * r * r
         by0 = bin_of(cy - r, origin[1], scale[1], raster[1])
         by1 = bin_of(cy + r, origin[1], scale[1], raster[1])
@@ -150,8 +153,9 @@ def _overlap_polygons(
                     amount = disc_polygon(corner_x[c], corner_y[c], cx, cy, r)
                     if amount > least:
                         cell[m], area[m] = c, amount
+                        total += amount
                         m += 1
-        start[k + 1] = m
+        start[k + 1], inside[k] = m, total
     return cell, area
 
 
@@ -300,20 +304,20 @@ def coverage(
     number = np.arange(x.size) if of is None else np.flatnonzero(of)
     x, y, radius, n = x[number], y[number], radius[number], x.size
     image, floe, x, y = images(grid, x, y, radius, radius, period)
-    ends = np.zeros(x.size + 1, np.int64)
+    ends, inside = np.zeros(x.size + 1, np.int64), np.empty(x.size)
     room = np.empty(12 * x.size, np.int64), np.empty(12 * x.size)
     if grid.x_edges is not None:
-        cell, area = _overlap_rectangles(*grid.axes, x, y, radius[floe], ends, *room)
+        cell, area = _overlap_rectangles(*grid.axes, x, y, radius[floe], ends, inside, *room)
     else:
         cell, area = _overlap_polygons(
-            *grid.bins, grid.corner_x, grid.corner_y, x, y, radius[floe], ends, *room
+            *grid.bins, grid.corner_x, grid.corner_y, x, y, radius[floe], ends, inside, *room
         )
     cell, area = cell[: ends[-1]], area[: ends[-1]]
     start, outside = np.zeros(n + 1, np.int64), np.zeros(n)
     start[number + 1] = np.diff(ends[image])
     np.cumsum(start, out=start)
-    inside = np.bincount(np.repeat(np.arange(n), np.diff(start)), weights=area, minlength=n)
-    outside[number] = np.pi * radius**2 - inside[number]
+    in_grid = np.bincount(floe, weights=inside, minlength=number.size)
+    outside[number] = np.pi * radius**2 - in_grid
     return Coverage(start, cell, area, grid.size, outside)
 
 
