@@ -256,7 +256,7 @@ class _Running:
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
-        self.parts: dict[str, Callable[[], dict[str, np.ndarray]]] = {}  # who makes an output
+        self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # who makes an output
         self.asked: set[str] = set()
         self._list()
         self.show({})
@@ -368,27 +368,35 @@ class _Running:
         if self.capacity:
             _check_capacity(self.model.floes, self.capacity)
         self.means = means
-        self._write(self.asked)
+        fields = {
+            row.name: self.values[n] for n, row in self.rows.items() if isinstance(row, Variable)
+        }
+        asked = [self.rows[name] for name in self.asked]
+        for part in {self.parts[row.name] for row in asked if _is_field(row)}:
+            part(out=fields)  # in place, the others of the part as well
+        for name, values in means.items():
+            fields[name][:] = values
+        for name in self.asked:
+            if not _is_field(self.rows[name]):
+                self._write(name)
 
     def array(self, name: str) -> np.ndarray:
         """The array of a variable; an output is kept up to date from the time that it is asked for."""
         if name not in self.asked:
-            self._write({name})
+            self._write(name)
             self.asked.add(name)
         return self.values[name]
 
-    def _write(self, names: set[str]) -> None:
-        made: dict[str, np.ndarray] = dict(self.means)
-        for name in names:
-            row, values = self.rows[name], self.values[name]
-            if isinstance(row, Scalar):
-                values[0] = row.value(self.model)
-            elif row.grid == "floe":
-                values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
-            elif row.intent == "out":
-                if row.name not in made:
-                    made = self.parts[row.name]() | made
-                values[:] = made[row.name]
+    def _write(self, name: str) -> None:
+        """Write one output, and no other."""
+        row, values = self.rows[name], self.values[name]
+        if isinstance(row, Scalar):
+            values[0] = row.value(self.model)
+        elif row.grid == "floe":
+            values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
+        elif row.intent == "out":
+            made = self.means if row.name in self.means else self.parts[row.name]()
+            values[:] = made[row.name]
 
     # ---- the whole state
 
@@ -774,6 +782,10 @@ def _at_home(model: "Model", row: Variable) -> np.ndarray | None:
 
 def _is_input(row: Variable | Scalar) -> bool:
     return isinstance(row, Variable) and row.intent == "in"
+
+
+def _is_field(row: Variable | Scalar) -> bool:
+    return isinstance(row, Variable) and row.intent == "out" and row.grid != "floe"
 
 
 def _is_mean(row: Variable | Scalar) -> bool:

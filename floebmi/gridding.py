@@ -30,6 +30,7 @@ I. Goldhirsch, Granular Matter 12, 239 (2010), doi:10.1007/s10035-010-0181-z.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -121,32 +122,35 @@ STATE = (
 
 
 @jit
-def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fill, sums, out):
-    """Sums over the floes of each cell, and then its fields in the order of STATE."""
+def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fill, out):
+    """The fields of STATE, in that order; their arrays hold sums over floes first."""
+    fraction, overlap, thickness, mass, along_x, along_y, count, radius, partners = out
+    for c in range(cell_area.size):
+        fraction[c] = thickness[c] = along_x[c] = along_y[c] = 0.0
+        count[c] = radius[c] = partners[c] = 0.0
     for k in range(start.size - 1):
         number = 1.0 / (np.pi * r[k] * r[k])
         for e in range(start[k], start[k + 1]):
-            a, row = area[e], sums[cell[e]]
-            volume, share = a * h[k], a * number
-            row[0] += a
-            row[1] += volume
-            row[2] += volume * u[k]
-            row[3] += volume * v[k]
-            row[4] += share
-            row[5] += share * r[k]
-            row[6] += share * contacts[k]
+            c, volume, share = cell[e], area[e] * h[k], area[e] * number
+            fraction[c] += area[e]
+            thickness[c] += volume
+            along_x[c] += volume * u[k]
+            along_y[c] += volume * v[k]
+            count[c] += share
+            radius[c] += share * r[k]
+            partners[c] += share * contacts[k]
     for c in range(cell_area.size):
-        ice, volume, along_x, along_y, count, radii, partners = sums[c]
-        fraction = ice / cell_area[c]
-        out[0, c] = min(fraction, 1.0)
-        out[1, c] = fraction - out[0, c]
-        out[2, c] = volume / ice if ice > 0.0 else fill
-        out[3, c] = density * volume / cell_area[c]
-        out[4, c] = along_x / volume if ice > 0.0 else fill
-        out[5, c] = along_y / volume if ice > 0.0 else fill
-        out[6, c] = count
-        out[7, c] = radii / count if ice > 0.0 else fill
-        out[8, c] = partners / count if ice > 0.0 else fill
+        ice, volume = fraction[c], thickness[c]
+        covered = ice / cell_area[c]
+        fraction[c] = min(covered, 1.0)
+        overlap[c] = covered - fraction[c]
+        mass[c] = density * volume / cell_area[c]
+        some = ice > 0.0
+        thickness[c] = volume / ice if some else fill
+        along_x[c] = along_x[c] / volume if some else fill
+        along_y[c] = along_y[c] / volume if some else fill
+        radius[c] = radius[c] / count[c] if some else fill
+        partners[c] = partners[c] / count[c] if some else fill
 
 
 def cell_fields(
@@ -159,6 +163,7 @@ def cell_fields(
     density: float,
     coordination: np.ndarray | float = 0.0,
     fill: float = 0.0,
+    out: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
     """The floes as fields on the grid, one value per cell.
 
@@ -169,6 +174,7 @@ def cell_fields(
     density : of ice [kg/m³]
     coordination : (n,) number of contacts of each floe [1]
     fill : what means show where there is no ice: 0 in memory, NaN in files
+    out : arrays to write into, by name; default: new ones
 
     Returns
     -------
@@ -189,12 +195,12 @@ def cell_fields(
         "thickness": thickness, "u": u, "v": v, "radius": radius, "coordination": coordination
     }  # fmt: skip
     arrays = [_per_floe(name, values, n) for name, values in per_floe.items()]
-    out = np.empty((len(STATE), grid.size))
+    fields = {name: np.empty(grid.size) if out is None else out[name] for name in STATE}
     _cell_fields(
-        coverage.start, coverage.cell, coverage.area, *arrays,
-        grid.area, density, fill, np.zeros((grid.size, 7)), out,
+        coverage.start, coverage.cell, coverage.area, *arrays, grid.area, density, fill,
+        tuple(fields.values()),
     )  # fmt: skip
-    return dict(zip(STATE, out, strict=True))
+    return fields
 
 
 @jit

@@ -15,7 +15,7 @@ friction has no angles.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -71,6 +71,7 @@ from floebmi.sampling import (
 )
 from floebmi.vorticity import Vorticity
 
+Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 
 
@@ -519,16 +520,20 @@ class Model:
         """
         return self.ice_fields() | self.internal_stress_fields() | self.fluid_stress_fields()
 
-    def ice_fields(self) -> dict[str, np.ndarray]:
-        """Those of `fields` that are the state of the ice: area, thickness, velocity, floes."""
+    def ice_fields(self, out: Out = None) -> dict[str, np.ndarray]:
+        """Those of `fields` that are the state of the ice: area, thickness, velocity, floes.
+
+        out : arrays to write into, by name; default: new ones
+        """
         f, contacts = self.floes, self.contacts()
         partners = np.bincount(np.concatenate([contacts.i, contacts.j]), minlength=len(f))
         return cell_fields(
-            self.grid, self.coverage(), f.thickness, f.u, f.v, f.radius, self.ice_density, partners
-        )
+            self.grid, self.coverage(), f.thickness, f.u, f.v, f.radius, self.ice_density, partners,
+            out=out,
+        )  # fmt: skip
 
-    def internal_stress_fields(self) -> dict[str, np.ndarray]:
-        """Those of `fields` that come from contact forces."""
+    def internal_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
+        """Those of `fields` that come from contact forces; `out` as for `ice_fields`."""
         f, now, contacts = self.floes, self._now(), self.contacts()
         stress = internal_stress(
             self.grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy,
@@ -538,7 +543,7 @@ class Model:
         net[:, now.packed.number] = now.packed.force.x, now.packed.force.y
         net[:, f.land] = 0.0
         push = divergence(self.grid, self.weights(self.grid), *net)
-        return {
+        fields = {
             "internal_stress_xx": stress.xx,
             "internal_stress_xy": stress.xy,
             "internal_stress_yy": stress.yy,
@@ -547,11 +552,20 @@ class Model:
             "internal_pressure": pressure(stress.xx, stress.yy),
             "maximum_shear": maximum_shear(stress.xx, stress.xy, stress.yy),
         }
+        if out is None:
+            return fields
+        for name, values in fields.items():
+            out[name][:] = values
+        return {name: out[name] for name in fields}
 
-    def fluid_stress_fields(self) -> dict[str, np.ndarray]:
-        """Those of `fields` between ice and fluids: ice on ocean, air on ice."""
+    def fluid_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
+        """Those of `fields` between ice and fluids, ice on ocean, air on ice; `out` as for `ice_fields`."""
         over = 1.0 / self._last_duration if self._last_duration else 0.0
-        fields = {}
+        fields: dict[str, np.ndarray] = {}
+
+        def product(name: str, one: np.ndarray, other: np.ndarray | float) -> None:
+            fields[name] = np.multiply(one, other, out=None if out is None else out[name])
+
         for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
             if fluid is None:
                 continue
@@ -561,17 +575,17 @@ class Model:
                 ("x", fluid.last_x, fluid.impulse_x),
                 ("y", fluid.last_y, fluid.impulse_y),
             ):
-                fields[f"{what}_stress_{axis}"] = last * mean
-                fields[f"{what}_impulse_{axis}"] = running * per_area
+                product(f"{what}_stress_{axis}", last, mean)
+                product(f"{what}_impulse_{axis}", running, per_area)
         if self.ocean is not None:
             areas = self.coverage()
             ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
             per_ice = np.divide(self.grid.area, ice, out=np.zeros(self.grid.size), where=ice > 0)
             for axis in "xy":
                 stress = fields[f"ocean_stress_{axis}"]
-                fields[f"ocean_stress_per_ice_area_{axis}"] = stress * per_ice
-            fields["ocean_stress_magnitude"] = self.ocean.magnitude * over
-            fields["ocean_drag_coefficient"] = self.ocean.coefficient.copy()
+                product(f"ocean_stress_per_ice_area_{axis}", stress, per_ice)
+            product("ocean_stress_magnitude", self.ocean.magnitude, over)
+            product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields
 
     # ---- restart -----------------------------------------------------------------------------------
