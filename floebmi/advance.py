@@ -62,7 +62,11 @@ class State:
 
 
 class Advance:
-    """One exchange interval of a model's floes; kept only while it lasts."""
+    """The floes packed, with their list of neighbours: to look at, or to run one exchange interval from.
+
+    `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
+    the work.
+    """
 
     def __init__(
         self,
@@ -71,11 +75,9 @@ class Advance:
         domain: Domain,
         contact: Contact | None,
         forces: tuple[Force, ...],
-        at: Sequence[np.ndarray],
         step: Step,
         density: float,
         draft_fraction: float,
-        time: float,
     ) -> None:
         self.floes, self.state, self.domain, self.step = floes, state, domain, step
         self.contact = None if contact is None else prepare(contact)
@@ -83,7 +85,7 @@ class Advance:
         self.wall_law = None
         if self.walls is not None and contact is not None:
             self.wall_law = self.contact._replace(friction=None, bonds=None)
-        self.forces, self.at, self.time = forces, list(at), time
+        self.forces = forces
         self.density, self.draft_fraction = density, draft_fraction
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
@@ -94,12 +96,8 @@ class Advance:
 
     # ---- packing and the list ----------------------------------------------------------------------
 
-    def start(self) -> None:
-        """Pack the floes, list their neighbours, and find the forces they begin with."""
-        self._pack(self.state.memory, np.arange(len(self.floes)))
-
     def look(self) -> None:
-        """What `start` does, but for what only steps need."""
+        """Pack the floes, list their neighbours, and find the forces they begin with."""
         self._list(self.state.memory, np.arange(len(self.floes)))
 
     def _list(self, old: PairList, old_place: np.ndarray) -> None:
@@ -123,9 +121,9 @@ class Advance:
             )  # fmt: skip
         return self._stiffest
 
-    def _pack(self, old: PairList, old_place: np.ndarray) -> None:
-        self._list(old, old_place)
-        self.here = tuple(at[:, self.packed.number] for at in self.at)
+    def _begin(self) -> None:
+        """What steps need besides the list."""
+        self.here = tuple(at.take(self.packed.number, axis=1) for at in self.at)
         self.travelled = 0.0
         self.state.counters.rebuilds += 1
 
@@ -164,6 +162,7 @@ class Advance:
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
         self._unpack()
+        self._wrap()
         self.state.memory = remembered(self.packed, self.pairs, len(self.floes))
         self._book()
 
@@ -172,7 +171,8 @@ class Advance:
         self._unpack()
         old, old_place = self.pairs, np.full(len(self.floes), -1)
         old_place[self.packed.number] = np.arange(len(self.packed.number))
-        leaving = self._cross_edges()
+        self._wrap()
+        leaving = self._leaving()
         elastic = self.elastic_energy() if len(leaving) else 0.0
         self.floes.active[leaving] = False
         added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
@@ -180,7 +180,8 @@ class Advance:
         if len(new):
             old_place = np.concatenate([old_place, np.full(len(new), -1)])
             self._grow(len(new))
-        self._pack(old, old_place)
+        self._list(old, old_place)
+        self._begin()
         if len(leaving):
             stock = floe_stock(self.floes, leaving, self.density)
             stock[3] -= self.elastic_energy() - elastic
@@ -188,17 +189,24 @@ class Advance:
         if len(new):
             self.state.ledger.book("inflow", *floe_stock(self.floes, new, self.density))
 
-    def _cross_edges(self) -> np.ndarray:
-        """Wrap floes beyond a periodic seam; returns the numbers of those that left for good."""
+    def _wrap(self) -> None:
+        """Bring floes beyond a periodic seam to the other side."""
         floes, domain = self.floes, self.domain
-        gone = np.zeros(len(floes), bool)
-        for place, (low, high), period, edges in (
-            (floes.x, domain.x, self.period[0], (domain.west, domain.east)),
-            (floes.y, domain.y, self.period[1], (domain.south, domain.north)),
+        for place, (low, _), period in (
+            (floes.x, domain.x, self.period[0]),
+            (floes.y, domain.y, self.period[1]),
         ):
             if period is not None:
                 place -= period * np.floor((place - low) / period)
-                continue
+
+    def _leaving(self) -> np.ndarray:
+        """The numbers of those beyond an inactive edge, who leave for good."""
+        floes, domain = self.floes, self.domain
+        gone = np.zeros(len(floes), bool)
+        for place, (low, high), edges in (
+            (floes.x, domain.x, (domain.west, domain.east)),
+            (floes.y, domain.y, (domain.south, domain.north)),
+        ):
             if edges[0] == "inactive":
                 gone |= place < low
             if edges[1] == "inactive":
@@ -229,11 +237,14 @@ class Advance:
             return paper_step(self.floes, self.contact, self.density, self.step.epsilon)
         return stable_step(self.stiffest, self.step)
 
-    def run(self, duration: float) -> None:
-        """Advance by `duration` seconds, exactly."""
-        leaving = self._cross_edges()
-        self.start()
-        if len(leaving) or self.state.feeders:
+    def run(self, duration: float, at: Sequence[np.ndarray], time: float) -> None:
+        """Advance by `duration` seconds from `time`, exactly; `at`: what each force needs at the floes.
+
+        The floes must be as they were when `look` looked; a second run needs another look.
+        """
+        self.at, self.time = list(at), time
+        self._begin()
+        if len(self._leaving()) or self.state.feeders:
             self._renew()
         done = 0.0
         while done < duration:

@@ -1,8 +1,9 @@
 """The model as a BMI 2.0 component: what a host sees, and no physics.
 
 A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
-Inputs are the model's own arrays (`model.ocean.u` …), outputs are written in place after each update, so a
-pointer that a host took stays right.  Names, units and signs come from `variables`; `SCALARS` adds the
+Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
+and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
+computed.  Names, units and signs come from `variables`; `SCALARS` adds the
 books of the whole, one number each.
 
 The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
@@ -255,8 +256,10 @@ class _Running:
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
+        self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # who makes an output
+        self.asked: set[str] = set()
         self._list()
-        self.show(self.model.fields())
+        self.show({})
         if view.restart is not None:
             self.load(Path(view.restart))
 
@@ -269,13 +272,15 @@ class _Running:
 
     def _list(self) -> None:
         """The variables of this scene and their arrays, allocated once."""
-        model, fields = self.model, self.model.fields()
+        model = self.model
+        for part in (model.ice_fields, model.internal_stress_fields, model.fluid_stress_fields):
+            self.parts |= dict.fromkeys(part(), part)
         for row in VARIABLES:
+            values = None
             if row.intent == "in":
                 values = _at_home(model, row)
-            else:
+            elif row.name in self.parts:
                 values = np.zeros(self.layouts[self.grid_of(row)].values)
-                values = values if row.name in fields else None
             if values is not None:
                 self.rows[row.csdms], self.values[row.csdms] = row, values
         for scalar in SCALARS:
@@ -288,6 +293,7 @@ class _Running:
             if getattr(model.floes, row.name) is not None:
                 self.rows[row.csdms] = row
                 self.values[row.csdms] = np.zeros(self.capacity, _TYPES[row.dtype])
+                self.asked.add(row.csdms)
         x, y = (self.values[row.csdms] for row in _FLOE_ROWS if row.name in ("x", "y"))
         none = np.zeros(0, np.int64)
         self.layouts[FLOES] = Layout(
@@ -341,34 +347,64 @@ class _Running:
             for name in ("ocean", "atmosphere"):
                 self.fill(name, model.time + 0.5 * duration)  # as a run does it
             model.advance(duration)
-            fields = model.fields()
             if count > 1:
-                for row in _means(fields):
-                    part = fields[row.name] * (duration / rest)
-                    sums[row.name] = sums.get(row.name, 0.0) + part
+                for name, values in self._means().items():
+                    sums[name] = sums.get(name, 0.0) + values * (duration / rest)
         model.time = until
-        self.show(fields | sums)
+        self.show(sums)
 
-    def show(self, fields: dict[str, np.ndarray]) -> None:
-        """Write all outputs in place."""
-        floes = self.model.floes
+    def _means(self) -> dict[str, np.ndarray]:
+        """Means over the last exchange of the model."""
+        means = {row.name for row in self.rows.values() if _is_mean(row)}
+        return {n: v for n, v in self.model.fluid_stress_fields().items() if n in means}
+
+    # ---- outputs
+
+    def show(self, means: dict[str, np.ndarray]) -> None:
+        """Write the outputs that the host has asked for, in place; the others wait until it asks.
+
+        means : over the last update, of what is a mean, where that was not one exchange
+        """
         if self.capacity:
-            _check_capacity(floes, self.capacity)
-        for name, row in self.rows.items():
-            if isinstance(row, Scalar):
-                self.values[name][0] = row.value(self.model)
-            elif row.grid == "floe":
-                self.values[name][: len(floes)] = getattr(floes, row.name)
-            elif row.intent == "out":
-                self.values[name][:] = fields[row.name]
+            _check_capacity(self.model.floes, self.capacity)
+        self.means = means
+        fields = {
+            row.name: self.values[n] for n, row in self.rows.items() if isinstance(row, Variable)
+        }
+        asked = [self.rows[name] for name in self.asked]
+        for part in {self.parts[row.name] for row in asked if _is_field(row)}:
+            part(out=fields)  # in place, the others of the part as well
+        for name, values in means.items():
+            fields[name][:] = values
+        for name in self.asked:
+            if not _is_field(self.rows[name]):
+                self._write(name)
+
+    def array(self, name: str) -> np.ndarray:
+        """The array of a variable; an output is kept up to date from the time that it is asked for."""
+        if name not in self.asked:
+            self._write(name)
+            self.asked.add(name)
+        return self.values[name]
+
+    def _write(self, name: str) -> None:
+        """Write one output, and no other."""
+        row, values = self.rows[name], self.values[name]
+        if isinstance(row, Scalar):
+            values[0] = row.value(self.model)
+        elif row.grid == "floe":
+            values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
+        elif row.intent == "out":
+            made = self.means if row.name in self.means else self.parts[row.name]()
+            values[:] = made[row.name]
 
     # ---- the whole state
 
     def state(self) -> dict[str, Any]:
-        """All that `load` needs; shares nothing with the model."""
+        """All that `load` needs."""
         return {
-            "model": _copied(self.model.state()),
-            "mean": {row.name: self.values[n] for n, row in self.rows.items() if _is_mean(row)},
+            "model": self.model.state(),
+            "mean": self._means() | self.means,
             "driven_by_scene": {name: name in self.sources for name in ("ocean", "atmosphere")},
         }
 
@@ -380,7 +416,7 @@ class _Running:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
         with self.unchanged_on_failure():
             self.model.restore(state["model"])
-            self.show(self.model.fields() | state["mean"])
+            self.show(state["mean"])
             for name, by_scene in state["driven_by_scene"].items():
                 if not by_scene:
                     self.sources.pop(name, None)
@@ -390,7 +426,7 @@ class _Running:
     @contextmanager
     def unchanged_on_failure(self) -> "Iterator[None]":
         """What fails in here is undone; `show` comes last of what can fail, so outputs need no copies."""
-        before, sources, filled = _copied(self.model.state()), dict(self.sources), dict(self.filled)
+        before, sources, filled = self.model.state(), dict(self.sources), dict(self.filled)
         try:
             yield
         except BaseException:
@@ -462,7 +498,7 @@ class FloeBmi(Bmi):
             ) from None
         if not np.isfinite(time) or time < now.model.time:
             raise InputError(
-                f"update_until: time = {time:.17g} s: must be at least the current time, "
+                f"update_until: time = {time:.17g} s: must be finite, and at least the current time, "
                 f"{now.model.time:.17g} s"
             )
         if time > now.model.time:
@@ -535,7 +571,8 @@ class FloeBmi(Bmi):
 
     def get_var_nbytes(self, name: str) -> int:
         """Bytes of all values."""
-        return self._array(name).nbytes
+        self._row(name)
+        return self._now(name).values[name].nbytes
 
     def get_var_location(self, name: str) -> str:
         """`node`, or `face` where the grid's faces are the cells."""
@@ -583,7 +620,7 @@ class FloeBmi(Bmi):
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
         row, values = self._input(name)
         given = _numbers(name, src, values.size)
-        self._refuse_not_finite(row, given, np.arange(values.size))
+        self._refuse_not_finite(row, given, None)
         values[:] = given
         self._now("set_value").taken_over(row)
 
@@ -596,12 +633,17 @@ class FloeBmi(Bmi):
         values[inds] = given
         self._now("set_value_at_indices").taken_over(row)
 
-    def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray) -> None:
-        wrong = ~np.isfinite(given) & self._now("set_value").wet_of(row)[inds]
+    def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray | None) -> None:
+        finite = np.isfinite(given)
+        if finite.all():
+            return
+        wet = self._now("set_value").wet_of(row)
+        wrong = ~finite & (wet if inds is None else wet[inds])
         if wrong.any():
             k = int(np.argmax(wrong))
+            place = k if inds is None else inds[k]
             raise InputError(
-                f"{row.csdms}: {given[k]} at index {inds[k]}, a wet cell: must be finite"
+                f"{row.csdms}: {given[k]} at index {place}, a wet cell: must be finite"
             )
 
     # ---- grids --------------------------------------------------------------------------------
@@ -691,7 +733,7 @@ class FloeBmi(Bmi):
 
     def _array(self, name: str) -> np.ndarray:
         self._row(name)
-        return self._now(name).values[name]
+        return self._now(name).array(name)
 
     def _input(self, name: str) -> tuple[Variable, np.ndarray]:
         row, values = self._row(name), self._array(name)
@@ -742,21 +784,17 @@ def _is_input(row: Variable | Scalar) -> bool:
     return isinstance(row, Variable) and row.intent == "in"
 
 
+def _is_field(row: Variable | Scalar) -> bool:
+    return isinstance(row, Variable) and row.intent == "out" and row.grid != "floe"
+
+
 def _is_mean(row: Variable | Scalar) -> bool:
     return isinstance(row, Variable) and row.intent == "out" and "time: mean" in row.mean
-
-
-def _means(fields: dict[str, np.ndarray]) -> list[Variable]:
-    return [row for row in VARIABLES if row.name in fields and _is_mean(row)]
 
 
 def _bits(fluid: "Fluid") -> np.ndarray:
     """Both components, so that NaN on dry cells equals itself."""
     return np.concatenate([fluid.u, fluid.v]).view(np.int64)
-
-
-def _copied(state: dict[str, Any]) -> dict[str, Any]:
-    return {n: v.copy() if isinstance(v, np.ndarray) else v for n, v in state.items()}
 
 
 def _check_capacity(floes: "Floes", capacity: int) -> None:
@@ -788,7 +826,7 @@ def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
         raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
     if given.size != size:
         raise InputError(f"{name}: {given.size} values; must be {size}")
-    return given.astype(np.float64).ravel()
+    return np.asarray(given, np.float64).ravel()
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:

@@ -17,8 +17,13 @@ class StabilityError(RuntimeError):
 
 
 def choose(word: object, allowed: Iterable[str]) -> str:
-    """The end of an error message: the allowed words, and the nearest one if one is near."""
+    """The end of an error message: the allowed words, and the nearest one if one is near.
+
+    Of more words than fit a line only the nearest is told, if there is one.
+    """
     words = sorted(allowed)
     near = difflib.get_close_matches(str(word), words, n=1)
+    if near and len(words) > 20:
+        return f"did you mean {near[0]!r}?"
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"allowed: {', '.join(words)}{hint}"

@@ -30,6 +30,7 @@ I. Goldhirsch, Granular Matter 12, 239 (2010), doi:10.1007/s10035-010-0181-z.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -38,31 +39,7 @@ from floebmi.errors import InputError
 from floebmi.geometry import cut
 from floebmi.grid import Grid, bin_of
 from floebmi.kernels import jit
-from floebmi.sampling import (
-    Period,
-    Weights,
-    check_floes,
-    images,
-    overlap_areas,
-    scatter,
-)
-
-
-class Coverage(NamedTuple):
-    """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
-
-    start : (n + 1,) int64
-    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
-    area : (m,) area of the floe in the cell [m²]
-    size : number of cells of the grid
-    outside : (n,) area of each floe outside the grid [m²], to round-off of its whole area
-    """
-
-    start: np.ndarray
-    cell: np.ndarray
-    area: np.ndarray
-    size: int
-    outside: np.ndarray
+from floebmi.sampling import Coverage, Period, Weights, images, scatter
 
 
 class AreaBudget(NamedTuple):
@@ -95,32 +72,6 @@ class InternalStress(NamedTuple):
     outside: np.ndarray
 
 
-def coverage(
-    grid: Grid,
-    x: np.ndarray,
-    y: np.ndarray,
-    radius: np.ndarray | float,
-    period: Period = (None, None),
-) -> Coverage:
-    """Exact area of each floe in each cell, wet or dry, and outside the grid.
-
-    Parameters
-    ----------
-    x, y : (n,) floe centres [m]
-    radius : (n,) [m]
-    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
-
-    Raises
-    ------
-    InputError
-        for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
-    """
-    x, y, radius = check_floes(x, y, radius)
-    start, cell, area = overlap_areas(grid, x, y, radius, period, only_wet=False)
-    inside = np.bincount(_floe(start), weights=area, minlength=radius.size)
-    return Coverage(start, cell, area, grid.size, outside=np.pi * radius**2 - inside)
-
-
 def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     """Where the area of the floes is: wet cells, overlap, dry cells, outside the grid [m²]."""
     _check_grid(grid, coverage.size)
@@ -134,6 +85,74 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     )
 
 
+@jit
+def give_back(
+    start, cell, weight, impulse_x, impulse_y, coefficient, cell_area,
+    last_x, last_y, magnitude, slope, total_x, total_y,
+):  # fmt: skip
+    """Share out what a fluid gave to the floes, by the weights it was read with, and turn its sign.
+
+    impulse_x, impulse_y, coefficient : of each floe [N s], [kg/s], for the rows of the weights
+    cell_area : [m²]
+    last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
+    magnitude, slope : filled with Σ |impulse| [N s/m²] and Σ coefficient [kg m-2 s-1] per cell area
+    """
+    for c in range(cell_area.size):
+        last_x[c] = last_y[c] = magnitude[c] = slope[c] = 0.0
+    for k in range(start.size - 1):
+        x, y = impulse_x[k], impulse_y[k]
+        size = np.sqrt(x * x + y * y)
+        for e in range(start[k], start[k + 1]):
+            c, w = cell[e], weight[e]
+            last_x[c] -= w * x
+            last_y[c] -= w * y
+            magnitude[c] += w * size
+            slope[c] += w * coefficient[k]
+    for c in range(cell_area.size):
+        magnitude[c] /= cell_area[c]
+        slope[c] /= cell_area[c]
+        total_x[c] += last_x[c]
+        total_y[c] += last_y[c]
+
+
+STATE = (
+    "area_fraction", "overlap_fraction", "thickness", "mass_per_area", "ice_velocity_x",
+    "ice_velocity_y", "floe_count", "mean_radius", "coordination_number",
+)  # fmt: skip
+
+
+@jit
+def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fill, out):
+    """The fields of STATE, in that order; their arrays hold sums over floes first."""
+    fraction, overlap, thickness, mass, along_x, along_y, count, radius, partners = out
+    for c in range(cell_area.size):
+        fraction[c] = thickness[c] = along_x[c] = along_y[c] = 0.0
+        count[c] = radius[c] = partners[c] = 0.0
+    for k in range(start.size - 1):
+        number = 1.0 / (np.pi * r[k] * r[k])
+        for e in range(start[k], start[k + 1]):
+            c, volume, share = cell[e], area[e] * h[k], area[e] * number
+            fraction[c] += area[e]
+            thickness[c] += volume
+            along_x[c] += volume * u[k]
+            along_y[c] += volume * v[k]
+            count[c] += share
+            radius[c] += share * r[k]
+            partners[c] += share * contacts[k]
+    for c in range(cell_area.size):
+        ice, volume = fraction[c], thickness[c]
+        covered = ice / cell_area[c]
+        fraction[c] = min(covered, 1.0)
+        overlap[c] = covered - fraction[c]
+        mass[c] = density * volume / cell_area[c]
+        some = ice > 0.0
+        thickness[c] = volume / ice if some else fill
+        along_x[c] = along_x[c] / volume if some else fill
+        along_y[c] = along_y[c] / volume if some else fill
+        radius[c] = radius[c] / count[c] if some else fill
+        partners[c] = partners[c] / count[c] if some else fill
+
+
 def cell_fields(
     grid: Grid,
     coverage: Coverage,
@@ -142,8 +161,9 @@ def cell_fields(
     v: np.ndarray | float,
     radius: np.ndarray | float,
     density: float,
-    coordination: np.ndarray | None = None,
+    coordination: np.ndarray | float = 0.0,
     fill: float = 0.0,
+    out: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
     """The floes as fields on the grid, one value per cell.
 
@@ -152,8 +172,9 @@ def cell_fields(
     coverage : of the same floes on this grid
     thickness, u, v, radius : (n,) floe thickness [m], velocity [m/s], radius [m]
     density : of ice [kg/m³]
-    coordination : (n,) number of contacts of each floe
+    coordination : (n,) number of contacts of each floe [1]
     fill : what means show where there is no ice: 0 in memory, NaN in files
+    out : arrays to write into, by name; default: new ones
 
     Returns
     -------
@@ -161,7 +182,7 @@ def cell_fields(
     area_fraction [1] at most 1; overlap_fraction [1] what is beyond 1; thickness [m] mean over the
     ice; mass_per_area [kg/m²] of the cell; ice_velocity_x, ice_velocity_y [m/s] mean by mass;
     floe_count [1] sum of the shares of floes by area, so that the grid's sum is the number of floes
-    in it; mean_radius [m] and coordination_number [1] (if given), means over those shares.
+    in it; mean_radius [m] and coordination_number [1], means over those shares.
 
     Raises
     ------
@@ -170,35 +191,15 @@ def cell_fields(
     """
     _check_grid(grid, coverage.size)
     n = coverage.start.size - 1
-    h, u, v, r = (
-        _per_floe(name, values, n)
-        for name, values in (("thickness", thickness), ("u", u), ("v", v), ("radius", radius))
-    )
-    floe = _floe(coverage.start)
-
-    def total(per_area: np.ndarray) -> np.ndarray:
-        shares = coverage.area * per_area[floe]
-        return np.bincount(coverage.cell, weights=shares, minlength=grid.size)
-
-    def mean(sum_: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        return np.divide(sum_, weight, out=np.full(grid.size, fill), where=weight > 0)
-
-    number = 1.0 / (np.pi * r**2)
-    ice, volume, count = total(np.ones(n)), total(h), total(number)
-    fraction = np.minimum(ice / grid.area, 1.0)
-    fields = {
-        "area_fraction": fraction,
-        "overlap_fraction": ice / grid.area - fraction,
-        "thickness": mean(volume, ice),
-        "mass_per_area": density * volume / grid.area,
-        "ice_velocity_x": mean(total(h * u), volume),
-        "ice_velocity_y": mean(total(h * v), volume),
-        "floe_count": count,
-        "mean_radius": mean(total(number * r), count),
-    }
-    if coordination is not None:
-        contacts = _per_floe("coordination", coordination, n)
-        fields["coordination_number"] = mean(total(number * contacts), count)
+    per_floe = {
+        "thickness": thickness, "u": u, "v": v, "radius": radius, "coordination": coordination
+    }  # fmt: skip
+    arrays = [_per_floe(name, values, n) for name, values in per_floe.items()]
+    fields = {name: np.empty(grid.size) if out is None else out[name] for name in STATE}
+    _cell_fields(
+        coverage.start, coverage.cell, coverage.area, *arrays, grid.area, density, fill,
+        tuple(fields.values()),
+    )  # fmt: skip
     return fields
 
 
@@ -360,11 +361,9 @@ def divergence(
         for arrays of a wrong size.
     """
     _check_grid(grid, weights.size)
-    result = np.zeros(grid.size), np.zeros(grid.size)
-    for force, out in zip((force_x, force_y), result, strict=True):
-        scatter(weights, force, out)
-        out /= grid.area
-    return result
+    force = np.zeros((grid.size, 2))
+    scatter(weights, np.stack([force_x, force_y], axis=1), force)
+    return force[:, 0] / grid.area, force[:, 1] / grid.area
 
 
 def pressure(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
@@ -374,19 +373,15 @@ def pressure(xx: np.ndarray, yy: np.ndarray) -> np.ndarray:
 
 def maximum_shear(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> np.ndarray:
     """Largest shear stress over all directions, √(((σ_xx − σ_yy)/2)² + σ_xy²) [N/m]."""
-    return np.hypot(0.5 * (xx - yy), xy)
-
-
-def _floe(start: np.ndarray) -> np.ndarray:
-    """The row of each entry."""
-    return np.repeat(np.arange(start.size - 1), np.diff(start))
+    half = 0.5 * (xx - yy)
+    return np.sqrt(half * half + xy * xy)
 
 
 def _per_floe(name: str, values: np.ndarray | float, n: int) -> np.ndarray:
     array = np.asarray(values, np.float64)
     if array.ndim and array.shape != (n,):
         raise InputError(f"{name} has shape {array.shape}: must be ({n},), one per floe")
-    return np.broadcast_to(array, (n,))
+    return np.ascontiguousarray(np.broadcast_to(array, (n,)))
 
 
 def _check_grid(grid: Grid, size: int) -> None:

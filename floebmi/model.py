@@ -15,7 +15,7 @@ friction has no angles.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -50,10 +50,9 @@ from floebmi.forces import (
 )
 from floebmi.grid import Grid
 from floebmi.gridding import (
-    Coverage,
     cell_fields,
-    coverage,
     divergence,
+    give_back,
     internal_stress,
     maximum_shear,
     pressure,
@@ -61,9 +60,18 @@ from floebmi.gridding import (
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, PairList, look, remembered
 from floebmi.quantities import check
-from floebmi.sampling import Weights, floe_weights, gather, scatter, without_cell
+from floebmi.sampling import (
+    Coverage,
+    Weights,
+    coverage,
+    floe_weights,
+    gather,
+    shares,
+    without_cell,
+)
 from floebmi.vorticity import Vorticity
 
+Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 
 
@@ -101,8 +109,24 @@ class Fluid:
         """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
         if self._curl is None:
             self._curl = Vorticity(self.grid)
-        u, v = (np.where(self.grid.wet, values, 0.0) for values in (self.u, self.v))
-        return self._curl(u, v)
+        return self._curl(self.u, self.v)
+
+
+class _Seen:
+    """What was found out about the floes as they are at one moment; each thing once.
+
+    floes : a copy, to know whether they are still so
+    list : the floes packed, with their neighbours and contact forces
+    contacts : the pairs that push or hold each other
+    areas, weights : by the id of a grid
+    """
+
+    def __init__(self, floes: Floes) -> None:
+        self.floes = floes.copy()
+        self.list: Advance | None = None
+        self.contacts: Contacts | None = None
+        self.areas: dict[int, Coverage] = {}
+        self.weights: dict[int, Weights] = {}
 
 
 class Model:
@@ -179,15 +203,15 @@ class Model:
             np.random.Generator(np.random.PCG64(seed)),
             tuple(Feeder(one, domain) for one in self.inflow),
         )
-        self._coverage: tuple[np.ndarray, Coverage] | None = None
-        self._weights: dict[int, tuple[np.ndarray, Weights]] = {}
         self._last_duration = 0.0
-        self._left: Floes | None = None  # the floes as the last advance left them
+        self._seen = _Seen(floes)
+        self._left: _Seen | None = None  # as the last advance left the floes
         self._at = self._allocate()
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
         self._state.memory = remembered(now.packed, now.pairs, len(floes))
+        self._seen.list = None
 
     # ---- checks ------------------------------------------------------------------------------------
 
@@ -261,17 +285,36 @@ class Model:
             for force in self.forces
         )
 
-    def _advance_object(self) -> Advance:
-        return Advance(
-            self.floes, self._state, self.domain, self.contact, self.forces, self._at, self.step,
-            self.ice_density, self.draft_fraction, self.time,
-        )  # fmt: skip
+    def _look(self) -> _Seen:
+        """What is known about the floes as they are now; forgotten when they change."""
+        if not _same(self._seen.floes, self.floes):
+            self._seen = _Seen(self.floes)
+        return self._seen
 
     def _now(self) -> Advance:
         """The packed floes with their contact forces, to look at; nothing is counted."""
-        advance = self._advance_object()
-        advance.look()
-        return advance
+        seen = self._look()
+        if seen.list is None:
+            self._fit_memory()
+            advance = Advance(
+                self.floes, self._state, self.domain, self.contact, self.forces, self.step,
+                self.ice_density, self.draft_fraction,
+            )  # fmt: skip
+            advance.look()
+            seen.list = advance
+        return seen.list
+
+    def _fit_memory(self) -> None:
+        """Floes that somebody added remember nothing."""
+        state, n = self._state, len(self.floes)
+        missing = n + 1 - len(state.memory.start)
+        if missing > 0:
+            start = state.memory.start
+            more = np.append(start, np.full(missing, start[-1]))
+            state.memory = state.memory._replace(start=more)
+        if state.previous is not None and len(state.previous) < n:
+            none = np.zeros((n - len(state.previous), 3))
+            state.previous = np.vstack([state.previous, none])
 
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
@@ -290,26 +333,23 @@ class Model:
             return
         self._check_fluids()
         self.floes.check()
-        self._state.memory = _fit(self._state.memory, len(self.floes))
-        if self._state.previous is not None and len(self._state.previous) < len(self.floes):
-            missing = len(self.floes) - len(self._state.previous)
-            self._state.previous = np.vstack([self._state.previous, np.zeros((missing, 3))])
         self._at = self._allocate()
         weights = self._sample()
         known = len(self.floes)
-        advance = self._advance_object()
+        advance = self._now()
         self._book_edits()
-        advance.run(duration)
+        self._seen.list = None  # the steps use it up, even if they fail
+        advance.run(duration, self._at, self.time)
         self._at = tuple(advance.at)
         self._give_back(weights, known, duration)
         self._state.ledger.now = advance.stock()
-        self._left = self.floes.copy()
+        self._left = self._seen = _Seen(self.floes)
         self.time += duration
         self._last_duration = duration
 
     def _book_edits(self) -> None:
         """What somebody changed in the floes between two exchanges is an account of its own."""
-        if self._left is not None and _same(self._left, self.floes):
+        if self._left is self._look():
             return
         ledger, stock = self._state.ledger, self._now().stock()
         change = stock - ledger.now
@@ -332,57 +372,60 @@ class Model:
                         "must be finite"
                     )
 
+    def coverage(self, grid: Grid | None = None) -> Coverage:
+        """Exact areas of the floes in the cells of one of the model's grids, now; land has none.
+
+        grid : default: the exchange grid
+        """
+        grid = self.grid if grid is None else grid
+        areas = self._look().areas
+        if id(grid) not in areas:
+            f = self.floes
+            ice = f.active & ~f.land
+            areas[id(grid)] = coverage(grid, f.x, f.y, f.radius, self.domain.period, of=ice)
+        return areas[id(grid)]
+
     def weights(self, grid: Grid) -> Weights:
         """Floe-grid weights at the present places, on one of the model's grids."""
-        f = self.floes
-        key = np.concatenate([f.x, f.y, f.active.astype(float)])
-        kept = self._weights.get(id(grid))
-        if kept is None or not np.array_equal(kept[0], key):
-            if grid is self.grid and self.sampling == "overlap":
-                weights = self._weights_of_coverage()
+        weights = self._look().weights
+        if id(grid) not in weights:
+            f = self.floes
+            if self.sampling == "overlap":
+                weights[id(grid)] = shares(self.coverage(grid), grid.wet)
             else:
-                weights = floe_weights(grid, f.x, f.y, f.radius, self.sampling, self.domain.period)
-            kept = key, weights
-            self._weights[id(grid)] = kept
-        return kept[1]
-
-    def _weights_of_coverage(self) -> Weights:
-        """Shares of the ice by its exact areas in wet cells, which `fields` needs as well; land has none."""
-        areas, n = self.coverage(), len(self.floes)
-        ice = np.flatnonzero(self.floes.active & ~self.floes.land)
-        floe = np.repeat(ice, np.diff(areas.start))
-        wet = self.grid.wet[areas.cell]
-        floe, area = floe[wet], areas.area[wet]
-        total = np.bincount(floe, weights=area, minlength=n)
-        start = np.concatenate([[0], np.cumsum(np.bincount(floe, minlength=n))])
-        return Weights(start, areas.cell[wet], area / total[floe], self.grid.size)
+                weights[id(grid)] = floe_weights(
+                    grid, f.x, f.y, f.radius, self.sampling, self.domain.period
+                )
+        return weights[id(grid)]
 
     def _sample(self) -> dict[int, Weights]:
+        """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             fluid = self._fluid_of(force)
             if fluid is None:
                 continue
-            grid = fluid.grid
-            if id(grid) not in weights:
-                weights[id(grid)] = self.weights(grid)
-            w = weights[id(grid)]
-            wet = grid.wet
-
-            def read(field: np.ndarray, w: Weights = w, wet: np.ndarray = wet) -> np.ndarray:
-                return gather(w, np.where(wet, field, 0.0))
-
+            grid = id(fluid.grid)
+            if grid not in weights:
+                weights[grid] = self.weights(fluid.grid)
+            w = weights[grid]
+            if isinstance(force, CoriolisField):
+                at[PARAMETER] = gather(w, fluid.coriolis)
+                continue
             if isinstance(force, Tilt):
-                at[FLUID_U], at[FLUID_V] = read(fluid.tilt_x), read(fluid.tilt_y)
-            elif isinstance(force, CoriolisField):
-                at[PARAMETER] = read(fluid.coriolis)
-            else:
-                at[FLUID_U], at[FLUID_V] = read(fluid.u), read(fluid.v)
-                nowhere = without_cell(w)
-                at[RATE, nowhere] = 0.0  # no water, no drag
-                if len(at) > SPIN_RATE:
-                    at[HALF_CURL] = read(0.5 * fluid.vorticity())
-                    at[SPIN_RATE, nowhere] = 0.0
+                at[FLUID_U], at[FLUID_V] = gather(
+                    w, np.stack([fluid.tilt_x, fluid.tilt_y], axis=1)
+                ).T
+                continue
+            fields = [fluid.u, fluid.v]
+            nowhere = without_cell(w)
+            at[RATE, nowhere] = 0.0  # no water, no drag
+            if len(at) > SPIN_RATE:
+                fields.append(0.5 * fluid.vorticity())
+                at[SPIN_RATE, nowhere] = 0.0
+            rows = (FLUID_U, FLUID_V, HALF_CURL)
+            for row, values in zip(rows, gather(w, np.stack(fields, axis=1)).T, strict=False):
+                at[row] = values
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -397,23 +440,15 @@ class Model:
             self._state.ledger.book(name, x=at[X].sum(), y=at[Y].sum(), energy=at[WORK].sum())
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
-            fluid, w = self._fluid_of(force), weights[id(self._fluid_of(force).grid)]
-            fluid.last_x[:] = 0.0
-            fluid.last_y[:] = 0.0
-            fluid.magnitude[:] = 0.0
-            fluid.coefficient[:] = 0.0
-            scatter(w, -at[X, :known], fluid.last_x)
-            scatter(w, -at[Y, :known], fluid.last_y)
-            scatter(w, np.hypot(at[X], at[Y])[:known], fluid.magnitude)
-            fluid.magnitude /= fluid.grid.area
-            f = self.floes
-            slip = (
-                np.hypot(at[FLUID_U] - f.u, at[FLUID_V] - f.v) * at[RATE] * f.mass(self.ice_density)
-            )
-            scatter(w, np.where(f.active, slip, 0.0)[:known], fluid.coefficient)
-            fluid.coefficient /= fluid.grid.area
-            fluid.impulse_x += fluid.last_x
-            fluid.impulse_y += fluid.last_y
+            fluid, f = self._fluid_of(force), self.floes
+            speed = np.hypot(at[FLUID_U] - f.u, at[FLUID_V] - f.v)
+            slip = np.where(f.active, speed * at[RATE] * f.mass(self.ice_density), 0.0)
+            w = weights[id(fluid.grid)]
+            give_back(
+                w.start, w.cell, w.weight, at[X, :known], at[Y, :known], slip[:known],
+                fluid.grid.area, fluid.last_x, fluid.last_y, fluid.magnitude, fluid.coefficient,
+                fluid.impulse_x, fluid.impulse_y,
+            )  # fmt: skip
             lost = without_cell(w)
             for axis, values in enumerate((at[X], at[Y])):
                 fluid.undelivered[axis] -= values[:known][lost].sum()
@@ -464,7 +499,10 @@ class Model:
 
     def contacts(self) -> Contacts:
         """The pairs that push or hold each other now, and their forces."""
-        return self._contacts(self._now())
+        seen = self._look()
+        if seen.contacts is None:
+            seen.contacts = self._contacts(self._now())
+        return seen.contacts
 
     def _contacts(self, now: Advance) -> Contacts:
         p, pairs = now.packed, now.pairs
@@ -478,30 +516,28 @@ class Model:
         values[7] = values[7] > 0
         return Contacts(i[order], j[order], *values)
 
-    def coverage(self) -> Coverage:
-        """Exact areas of the floes in the cells of the exchange grid, now; land is left out."""
-        f = self.floes
-        key = np.concatenate([f.x, f.y, f.active.astype(float)])
-        if self._coverage is None or not np.array_equal(self._coverage[0], key):
-            ice = f.active & ~f.land
-            areas = coverage(self.grid, f.x[ice], f.y[ice], f.radius[ice], self.domain.period)
-            self._coverage = key, areas
-        return self._coverage[1]
-
     def fields(self) -> dict[str, np.ndarray]:
         """Gridded output by the short names of `variables.VARIABLES`, flat arrays of shape (grid.size,).
 
         State is of now, stresses of fluids are means over the last exchange (0 before the first).
         """
-        f, now = self.floes, self._now()
-        contacts = self._contacts(now)
-        ice = f.active & ~f.land
-        both = np.concatenate([contacts.i, contacts.j])
-        partners = np.bincount(both, minlength=len(f)).astype(float)
-        fields = cell_fields(
-            self.grid, self.coverage(), thickness=f.thickness[ice], u=f.u[ice], v=f.v[ice],
-            radius=f.radius[ice], density=self.ice_density, coordination=partners[ice],
+        return self.ice_fields() | self.internal_stress_fields() | self.fluid_stress_fields()
+
+    def ice_fields(self, out: Out = None) -> dict[str, np.ndarray]:
+        """Those of `fields` that are the state of the ice: area, thickness, velocity, floes.
+
+        out : arrays to write into, by name; default: new ones
+        """
+        f, contacts = self.floes, self.contacts()
+        partners = np.bincount(np.concatenate([contacts.i, contacts.j]), minlength=len(f))
+        return cell_fields(
+            self.grid, self.coverage(), f.thickness, f.u, f.v, f.radius, self.ice_density, partners,
+            out=out,
         )  # fmt: skip
+
+    def internal_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
+        """Those of `fields` that come from contact forces; `out` as for `ice_fields`."""
+        f, now, contacts = self.floes, self._now(), self.contacts()
         stress = internal_stress(
             self.grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy,
             contacts.fx, contacts.fy, self.domain.period,
@@ -510,7 +546,7 @@ class Model:
         net[:, now.packed.number] = now.packed.force.x, now.packed.force.y
         net[:, f.land] = 0.0
         push = divergence(self.grid, self.weights(self.grid), *net)
-        fields |= {
+        fields = {
             "internal_stress_xx": stress.xx,
             "internal_stress_xy": stress.xy,
             "internal_stress_yy": stress.yy,
@@ -519,35 +555,46 @@ class Model:
             "internal_pressure": pressure(stress.xx, stress.yy),
             "maximum_shear": maximum_shear(stress.xx, stress.xy, stress.yy),
         }
-        fields |= self._stresses(fields["area_fraction"] + fields["overlap_fraction"])
-        return fields
+        if out is None:
+            return fields
+        for name, values in fields.items():
+            out[name][:] = values
+        return {name: out[name] for name in fields}
 
-    def _stresses(self, fraction: np.ndarray) -> dict[str, np.ndarray]:
-        """Ice on ocean, and air on ice: both point along the drift of what they push."""
+    def fluid_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
+        """Those of `fields` between ice and fluids, ice on ocean, air on ice; `out` as for `ice_fields`."""
         over = 1.0 / self._last_duration if self._last_duration else 0.0
-        fields = {}
+        fields: dict[str, np.ndarray] = {}
+
+        def product(name: str, one: np.ndarray, other: np.ndarray | float) -> None:
+            fields[name] = np.multiply(one, other, out=None if out is None else out[name])
+
         for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
             if fluid is None:
                 continue
             per_area = sign / fluid.grid.area
+            mean = per_area * over
             for axis, last, running in (
                 ("x", fluid.last_x, fluid.impulse_x),
                 ("y", fluid.last_y, fluid.impulse_y),
             ):
-                fields[f"{what}_stress_{axis}"] = last * per_area * over
-                fields[f"{what}_impulse_{axis}"] = running * per_area
+                product(f"{what}_stress_{axis}", last, mean)
+                product(f"{what}_impulse_{axis}", running, per_area)
         if self.ocean is not None:
-            ice = np.where(fraction > 0, fraction, np.inf)
+            areas = self.coverage()
+            ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
+            per_ice = np.divide(self.grid.area, ice, out=np.zeros(self.grid.size), where=ice > 0)
             for axis in "xy":
-                fields[f"ocean_stress_per_ice_area_{axis}"] = fields[f"ocean_stress_{axis}"] / ice
-            fields["ocean_stress_magnitude"] = self.ocean.magnitude * over
-            fields["ocean_drag_coefficient"] = self.ocean.coefficient.copy()
+                stress = fields[f"ocean_stress_{axis}"]
+                product(f"ocean_stress_per_ice_area_{axis}", stress, per_ice)
+            product("ocean_stress_magnitude", self.ocean.magnitude, over)
+            product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields
 
     # ---- restart -----------------------------------------------------------------------------------
 
     def state(self) -> dict[str, object]:
-        """All that a restart needs, as arrays, numbers and text."""
+        """All that a restart needs, as arrays, numbers and text that the model will not change."""
         s, f = self._state, self.floes
         state: dict[str, object] = {
             "version": __version__,
@@ -619,7 +666,7 @@ class Model:
         self.floes = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
-        self._left = None
+        self._left, self._seen = None, _Seen(floes)
         for row, wall in zip(np.asarray(state["walls"]), s.walls, strict=True):
             for name, value in zip(s.walls.dtype.names, row, strict=True):
                 wall[name] = value
@@ -709,14 +756,6 @@ class Model:
         side = f.thickness[ice] * (share if isinstance(drag, OceanDrag) else 1.0 - share)
         values = bulk_coefficient(drag, f.radius[ice], side)
         return float(values.min()), float(values.max())
-
-
-def _fit(memory: PairList, n: int) -> PairList:
-    """The same memory for n floes: those that were added since remember nothing."""
-    missing = n + 1 - len(memory.start)
-    if missing <= 0:
-        return memory
-    return memory._replace(start=np.append(memory.start, np.full(missing, memory.start[-1])))
 
 
 def _same(one: Floes, other: Floes) -> bool:

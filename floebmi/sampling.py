@@ -9,7 +9,8 @@ round-off whatever the accuracy, and the work done by the fluid equals the work 
 
 How accurately the shares follow the floe's outline is a separate dial:
 
-"overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.
+"overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.  The
+           areas (`coverage`) are those that gridding makes concentration and thickness of.
 "centre"   at the floe's centre only.  On rectilinear grids bilinear between the four cell centres
            around it, the dry ones left out; on the others, where four neighbours in order need not
            exist, the cell that holds the centre, if it is wet.
@@ -49,36 +50,53 @@ class Weights(NamedTuple):
     size: int
 
 
-@jit
-def append(cell, value, m, c, amount):
-    """Put an entry at place m; the arrays double when they are full."""
-    if m == cell.size:
-        more_cell = np.empty(2 * m + 64, np.int64)
-        more_value = np.empty(2 * m + 64, np.float64)
-        for e in range(m):  # a loop, since numba takes seconds to compile a slice assignment
-            more_cell[e] = cell[e]
-            more_value[e] = value[e]
-        cell, value = more_cell, more_value
-    cell[m] = c
-    value[m] = amount
-    return cell, value
+class Coverage(NamedTuple):
+    """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
+
+    start : (n + 1,) int64
+    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
+    area : (m,) area of the floe in the cell [m²]
+    size : number of cells of the grid
+    outside : (n,) area of each floe outside the grid [m²], to round-off of its whole area
+    """
+
+    start: np.ndarray
+    cell: np.ndarray
+    area: np.ndarray
+    size: int
+    outside: np.ndarray
 
 
 @jit
-def _overlap_rectangles(x_edges, x_first, y_edges, y_first, keep, x, y, radius, start, cell, area):
-    """Areas of discs in the kept cells of a rectilinear grid: fills start, returns cell, area."""
+def _with_room(cell, area, needed):
+    """The same arrays, or longer ones with the same entries."""
+    if needed <= cell.size:
+        return cell, area
+    more_cell, more_area = np.empty(2 * needed, np.int64), np.empty(2 * needed, np.float64)
+    for e in range(cell.size):  # a loop, since numba takes seconds to compile a slice assignment
+        more_cell[e] = cell[e]
+        more_area[e] = area[e]
+    return more_cell, more_area
+
+
+@jit
+def _overlap_rectangles(
+    x_edges, x_first, y_edges, y_first, x, y, radius, start, inside, cell, area
+):
+    """Areas of discs in the cells of a rectilinear grid: fills start and inside, returns cell, area."""
     nx = x_edges.size - 1
     west = np.empty(nx + 1)  # H of the grid lines that cross the disc
     below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
     above = np.empty(nx + 1)
     m = start[0]
     for k in range(x.size):
-        cx, cy, r = x[k], y[k], radius[k]
+        cx, cy, r, total = x[k], y[k], radius[k], 0.0
         least = ROUND_OFF * math.pi * r * r
         i0 = column(x_edges, x_first, cx - r)
         i1 = column(x_edges, x_first, cx + r)
         j0 = column(y_edges, y_first, cy - r)
         j1 = column(y_edges, y_first, cy + r)
+        cell, area = _with_room(cell, area, m + (i1 - i0 + 1) * (j1 - j0 + 1))
         for i in range(i0, i1 + 2):
             west[i] = disc_west(x_edges[i] - cx, r)
         for j in range(j0, j1 + 2):
@@ -86,9 +104,10 @@ def _overlap_rectangles(x_edges, x_first, y_edges, y_first, keep, x, y, radius, 
             south = disc_west(dy, r)
             for i in range(i0, i1 + 2):
                 above[i] = disc_south_west(x_edges[i] - cx, dy, west[i], south, r)
+            if j == j0:
+                below, above = above, below
+                continue
             for i in range(i0, i1 + 1):
-                if j == j0 or not keep[(j - 1) * nx + i]:
-                    continue
                 far_x = max(x_edges[i + 1] - cx, cx - x_edges[i])
                 far_y = max(dy, cy - y_edges[j - 1])
                 if far_x * far_x + far_y * far_y < r * r:  # the cell lies in the disc
@@ -96,22 +115,23 @@ def _overlap_rectangles(x_edges, x_first, y_edges, y_first, keep, x, y, radius, 
                 else:
                     amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
                 if amount > least:
-                    cell, area = append(cell, area, m, (j - 1) * nx + i, amount)
+                    cell[m], area[m] = (j - 1) * nx + i, amount
+                    total += amount
                     m += 1
             below, above = above, below
-        start[k + 1] = m
+        start[k + 1], inside[k] = m, total
     return cell, area
 
 
 @jit
 def _overlap_polygons(
     origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y,
-    keep, x, y, radius, start, cell, area,
+    x, y, radius, start, inside, cell, area,
 ):  # fmt: skip
-    """Areas of discs in the kept cells of any grid: fills start, returns cell, area."""
+    """Areas of discs in the cells of any grid: fills start and inside, returns cell, area."""
     m = start[0]
     for k in range(x.size):
-        cx, cy, r = x[k], y[k], radius[k]
+        cx, cy, r, total = x[k], y[k], radius[k], 0.0
         least = ROUND_OFF * math.pi * r * r
         by0 = bin_of(cy - r, origin[1], scale[1], raster[1])
         by1 = bin_of(cy + r, origin[1], scale[1], raster[1])
@@ -120,6 +140,7 @@ def _overlap_polygons(
         for by in range(by0, by1 + 1):
             for bx in range(bx0, bx1 + 1):
                 b = by * raster[0] + bx
+                cell, area = _with_room(cell, area, m + bin_start[b + 1] - bin_start[b])
                 for e in range(bin_start[b], bin_start[b + 1]):
                     c = bin_cell[e]
                     # A cell reaches several bins; it counts in the first one visited.
@@ -127,13 +148,14 @@ def _overlap_polygons(
                         continue
                     dx = max(box[c, 0] - cx, 0.0, cx - box[c, 1])
                     dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
-                    if not keep[c] or dx * dx + dy * dy >= r * r:
+                    if dx * dx + dy * dy >= r * r:
                         continue
                     amount = disc_polygon(corner_x[c], corner_y[c], cx, cy, r)
                     if amount > least:
-                        cell, area = append(cell, area, m, c, amount)
+                        cell[m], area[m] = c, amount
+                        total += amount
                         m += 1
-        start[k + 1] = m
+        start[k + 1], inside[k] = m, total
     return cell, area
 
 
@@ -148,19 +170,38 @@ def _normalise(start, weight):
 
 
 @jit
-def _gather(start, cell, weight, field, out):
+def _in_wet(start, cell, area, wet, wet_start, wet_cell, weight):
+    """Shares of what lies in wet cells: fills the rows, returns the number of entries."""
+    m = 0
     for k in range(start.size - 1):
         total = 0.0
+        for e in range(start[k], start[k + 1]):
+            if wet[cell[e]]:
+                wet_cell[m], weight[m] = cell[e], area[e]
+                total += area[e]
+                m += 1
+        wet_start[k + 1] = m
+        for e in range(wet_start[k], m):
+            weight[e] /= total
+    return m
+
+
+@jit
+def _gather(start, cell, weight, field, out):
+    for k in range(start.size - 1):
+        for q in range(field.shape[1]):
+            out[k, q] = 0.0
         for m in range(start[k], start[k + 1]):
-            total += weight[m] * field[cell[m]]
-        out[k] = total
+            for q in range(field.shape[1]):
+                out[k, q] += weight[m] * field[cell[m], q]
 
 
 @jit
 def _scatter(start, cell, weight, values, out):
     for k in range(start.size - 1):
         for m in range(start[k], start[k + 1]):
-            out[cell[m]] += weight[m] * values[k]
+            for q in range(values.shape[1]):
+                out[cell[m], q] += weight[m] * values[k, q]
 
 
 def check_floes(
@@ -237,27 +278,55 @@ def images(
     return start, thing, x[thing] + image_x * length_x, y[thing] + image_y * length_y
 
 
-def overlap_areas(
+def coverage(
     grid: Grid,
     x: np.ndarray,
     y: np.ndarray,
-    radius: np.ndarray,
-    period: Period,
-    only_wet: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Exact areas [m²] of discs in the wet cells, or in all cells: start, cell, area by floe."""
+    radius: np.ndarray | float,
+    period: Period = (None, None),
+    of: np.ndarray | None = None,
+) -> Coverage:
+    """Exact area of each floe in each cell, wet or dry, and outside the grid.
+
+    Parameters
+    ----------
+    x, y : (n,) floe centres [m]
+    radius : (n,) [m]
+    period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
+    of : (n,) bool, whose areas; the others have empty rows.  Default: all
+
+    Raises
+    ------
+    InputError
+        for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
+    """
     x, y, radius = check_floes(x, y, radius)
+    number = np.arange(x.size) if of is None else np.flatnonzero(of)
+    x, y, radius, n = x[number], y[number], radius[number], x.size
     image, floe, x, y = images(grid, x, y, radius, radius, period)
-    keep = grid.wet | (not only_wet)  # a fresh array in both cases: one type, compiled once
-    start = np.zeros(x.size + 1, np.int64)
-    room = np.empty(8 * x.size, np.int64), np.empty(8 * x.size)
+    ends, inside = np.zeros(x.size + 1, np.int64), np.empty(x.size)
+    room = np.empty(12 * x.size, np.int64), np.empty(12 * x.size)
     if grid.x_edges is not None:
-        cell, area = _overlap_rectangles(*grid.axes, keep, x, y, radius[floe], start, *room)
+        cell, area = _overlap_rectangles(*grid.axes, x, y, radius[floe], ends, inside, *room)
     else:
         cell, area = _overlap_polygons(
-            *grid.bins, grid.corner_x, grid.corner_y, keep, x, y, radius[floe], start, *room
+            *grid.bins, grid.corner_x, grid.corner_y, x, y, radius[floe], ends, inside, *room
         )
-    return start[image], cell[: start[-1]], area[: start[-1]]
+    cell, area = cell[: ends[-1]], area[: ends[-1]]
+    start, outside = np.zeros(n + 1, np.int64), np.zeros(n)
+    start[number + 1] = np.diff(ends[image])
+    np.cumsum(start, out=start)
+    in_grid = np.bincount(floe, weights=inside, minlength=number.size)
+    outside[number] = np.pi * radius**2 - in_grid
+    return Coverage(start, cell, area, grid.size, outside)
+
+
+def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
+    """Weights "overlap": the areas in wet cells over their sum; wet is (grid.size,) bool."""
+    start = np.zeros(coverage.start.size, np.int64)
+    cell, weight = np.empty(coverage.cell.size, np.int64), np.empty(coverage.cell.size)
+    m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, weight)
+    return Weights(start, cell[:m], weight[:m], coverage.size)
 
 
 def _around(
@@ -340,9 +409,7 @@ def floe_weights(
         for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
     """
     if accuracy == "overlap":
-        start, cell, weight = overlap_areas(grid, x, y, radius, period, only_wet=True)
-        _normalise(start, weight)
-        return Weights(start, cell, weight, grid.size)
+        return shares(coverage(grid, x, y, radius, period), grid.wet)
     if accuracy != "centre":
         raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
     x, y, radius = check_floes(x, y, radius)
@@ -352,12 +419,12 @@ def floe_weights(
 
 
 def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """Read a field onto the floes: out_k = Σ_c w_kc field_c; 0 where a row is empty.
+    """Read fields onto the floes: out_k = Σ_c w_kc field_c; 0 where a row is empty.
 
     Parameters
     ----------
-    field : (grid.size,) any unit; dry cells are never read
-    out : (n,) float64, filled in place if given
+    field : (grid.size,) any unit, or (grid.size, q) for q fields at once; dry cells are never read
+    out : (n,) or (n, q) float64, filled in place if given
 
     Raises
     ------
@@ -365,14 +432,13 @@ def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -
         for a field or an `out` of the wrong size.
     """
     field = np.ascontiguousarray(field, np.float64)
-    n = weights.start.size - 1
-    if field.shape != (weights.size,):
-        raise InputError(f"field has shape {field.shape}: must be ({weights.size},), one per cell")
+    _check_rows("field", field, weights.size, "cell")
+    shape = (weights.start.size - 1, *field.shape[1:])
     if out is None:
-        out = np.empty(n)
-    elif out.shape != (n,):
-        raise InputError(f"out has shape {out.shape}: must be ({n},), one per floe")
-    _gather(weights.start, weights.cell, weights.weight, field, out)
+        out = np.empty(shape)
+    elif out.shape != shape:
+        raise InputError(f"out has shape {out.shape}: must be {shape}, one row per floe")
+    _gather(weights.start, weights.cell, weights.weight, _columns(field), _columns(out))
     return out
 
 
@@ -383,8 +449,8 @@ def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:
 
     Parameters
     ----------
-    values : (n,) extensive, such as an impulse [N s]
-    out : (grid.size,) float64, changed in place
+    values : (n,) extensive, such as an impulse [N s], or (n, q) for q of them at once
+    out : (grid.size,) or (grid.size, q) float64, changed in place
 
     Raises
     ------
@@ -392,12 +458,22 @@ def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:
         for values or an `out` of the wrong size.
     """
     values = np.ascontiguousarray(values, np.float64)
-    n = weights.start.size - 1
-    if values.shape != (n,):
-        raise InputError(f"values has shape {values.shape}: must be ({n},), one per floe")
-    if out.shape != (weights.size,):
-        raise InputError(f"out has shape {out.shape}: must be ({weights.size},), one per cell")
-    _scatter(weights.start, weights.cell, weights.weight, values, out)
+    _check_rows("values", values, weights.start.size - 1, "floe")
+    shape = (weights.size, *values.shape[1:])
+    if out.shape != shape:
+        raise InputError(f"out has shape {out.shape}: must be {shape}, one row per cell")
+    _scatter(weights.start, weights.cell, weights.weight, _columns(values), _columns(out))
+
+
+def _check_rows(name: str, values: np.ndarray, rows: int, of: str) -> None:
+    if values.ndim not in (1, 2) or values.shape[0] != rows:
+        raise InputError(
+            f"{name} has shape {values.shape}: must be ({rows},) or ({rows}, q), one row per {of}"
+        )
+
+
+def _columns(values: np.ndarray) -> np.ndarray:
+    return values if values.ndim == 2 else values[:, None]
 
 
 def without_cell(weights: Weights) -> np.ndarray:

@@ -36,7 +36,9 @@ def gradient_operators(grid: Grid) -> tuple[sparse.csr_array, sparse.csr_array]:
     operators = []
     for values in (in_x, in_y):
         away = sparse.csr_array((values, (one, other)), shape=(grid.size, grid.size))
-        operators.append((away - sparse.diags_array(total(values), dtype=np.float64)).tocsr())
+        operator = (away - sparse.diags_array(total(values), dtype=np.float64)).tocsr()
+        operator.eliminate_zeros()  # so that dry cells are not read
+        operators.append(operator)
     return operators[0], operators[1]
 
 
@@ -47,5 +49,5 @@ class Vorticity:
         self.along_x, self.along_y = gradient_operators(grid)
 
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """∂v/∂x − ∂u/∂y [1/s], shape (size,), counter-clockwise positive."""
+        """∂v/∂x − ∂u/∂y [1/s], shape (size,), counter-clockwise positive; dry cells are not read."""
         return self.along_x @ v - self.along_y @ u

@@ -182,7 +182,7 @@ class InitializeIsRandom(FloeBmi):
         super().initialize(config_file)
         floes = self.model.floes
         floes.x += np.random.default_rng().uniform(-1, 1, len(floes))
-        self._running.show(self.model.fields())
+        self._running.show({})
 
 
 @mutant("variables")

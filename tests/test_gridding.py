@@ -12,13 +12,12 @@ from floebmi.grid import Grid
 from floebmi.gridding import (
     area_budget,
     cell_fields,
-    coverage,
     divergence,
     internal_stress,
     maximum_shear,
     pressure,
 )
-from floebmi.sampling import floe_weights, gather, without_cell
+from floebmi.sampling import coverage, floe_weights, gather, without_cell
 
 KINDS = list(GRIDS)
 PERIOD = (SIDE, SIDE)

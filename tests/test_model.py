@@ -149,6 +149,30 @@ def test_edits_between_exchanges_are_an_account_of_their_own():
     assert model.ledger.balance("momentum_x").relative < 1e-12
 
 
+def test_to_look_between_exchanges_changes_no_bit_of_what_follows():
+    def run(looks):
+        model = pair(contact=cohesive(), forces=[OceanDrag()])
+        model.ocean.u[:] = 0.3
+        for _ in range(4):
+            model.advance(3.0)
+            if looks:
+                model.fields(), model.contacts(), model.longest_step(), model.wall_stress()
+        return model.state()
+
+    looked, blind = run(True), run(False)
+    assert all(np.array_equal(looked[name], value) for name, value in blind.items())
+
+
+def test_a_floe_that_somebody_changes_is_seen_as_it_is_now():
+    model = pair(contact=Contact())
+    before = model.fields()["area_fraction"].sum(), len(model.contacts().i)
+    model.floes.radius[0] = 12.0
+    assert model.fields()["area_fraction"].sum() > before[0]
+    assert (before[1], len(model.contacts().i)) == (0, 1)
+    model.floes.add(x=-60.0, y=0.0, radius=10.0, thickness=1.0)
+    assert model.fields()["floe_count"].sum() == pytest.approx(3)
+
+
 @pytest.mark.parametrize("kind", ["uniform", "rectilinear", "curvilinear", "unstructured"])
 @pytest.mark.parametrize("sampling", ["overlap", "centre"])
 def test_momentum_closes_on_every_grid_with_land(kind, sampling):

@@ -14,8 +14,8 @@ from floebmi.coast import from_polygons, land_geometry
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.grid import Grid
-from floebmi.gridding import coverage
 from floebmi.packing import IceNotPlaced, from_field, read_floes, regular, relax, scatter
+from floebmi.sampling import coverage
 from floebmi.sizes import PowerLaw, SingleSize, UniformSize
 
 PERIODIC = {edge: "periodic" for edge in ("west", "east", "south", "north")}

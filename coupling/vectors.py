@@ -1,0 +1,231 @@
+"""Vectors as a host has them, along its own axes and at its own points, and the same at cell centres.
+
+*Points.*  Ocean models keep velocity on the faces of their cells (C grid, each component on its own faces) or on
+their corners (B grid), not at the centres (A grid) where ice gives its stress.  `Staggered` is one matrix w for
+the way both ways,
+
+    flux    A_p τ_p = Σ_c w_pc A_c τ_c        stress, cells → points
+    state   u_c = Σ_p w_pc u_p                velocity, points → cells            (eq. stagger)
+
+with w_pc = 1/n for each of the n open points of cell c.  A point is open if all its cells are wet: there is no
+flow through a coast, and what is given to a closed point is lost.
+
+       dry  |   wet  |   wet                c: all of the force of the cell beside the coast goes to p
+            q   c    p                      q: closed, takes nothing, and is no part of the mean
+
+Each column of w sums to 1, so the force is kept, at coasts too; and since both ways use the same w, the work on
+the points is the work on the cells, Σ A_p τ_p u_p = Σ A_c τ_c u_c.  Plain averaging, τ_p = ½ (τ_1 + τ_2) on open
+faces, gives half of the force of each cell beside a coast to a wall.  Away from coasts both are the same on
+uniform cells.  A cell without any open point cannot give its force; `undelivered` tells it.
+
+On a curved grid components are along the cell's own axes (`axis_angle`), and what is kept is the sum of each
+component, and the work; the axes at a face differ a little from those at the centre, and that turn is the host's.
+
+*Axes.*  `turn` takes components from one pair of axes to another, by the angle between them; turned back by the
+negative angle they are the same to round-off.  A turn keeps magnitudes, and u·τ if both are turned: turn where
+the host's cells are, and regrid x and y components after that (before it, on the way back).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, final
+
+import numpy as np
+
+from floebmi.errors import InputError, choose
+from floebmi.grid import Grid
+
+Where = Literal["u", "v", "corners"]
+
+
+def turn(
+    along_first: np.ndarray, along_second: np.ndarray, angle: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Components along x and y of vectors given along two axes that stand at `angle` to x and y.
+
+    Parameters
+    ----------
+    along_first, along_second : components along the axes (east and north; or i and j of a grid)
+    angle : [rad] from x to the first axis, counter-clockwise: `projection.east_in_plane`, `axis_angle`.
+        With −angle the way back
+
+    Examples
+    --------
+    >>> x, y = turn(np.array([1.0]), np.array([0.0]), np.pi / 2)
+    >>> x.round(12), y.round(12)
+    (array([0.]), array([1.]))
+    """
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return (
+        along_first * cosine - along_second * sine,
+        along_first * sine + along_second * cosine,
+    )
+
+
+def axis_angle(grid: Grid) -> np.ndarray:
+    """Angle [rad] from x to the i axis of each cell of a structured grid, (size,).
+
+    The turn that is nearest to the cell: its i axis leads from the middle of its west face to that of its
+    east face, its j axis from south to north.
+    """
+    _structured(grid)
+    x, y = grid.corner_x, grid.corner_y  # counter-clockwise from the south-west
+    ix, iy = x[:, 1] + x[:, 2] - x[:, 0] - x[:, 3], y[:, 1] + y[:, 2] - y[:, 0] - y[:, 3]
+    jx, jy = x[:, 2] + x[:, 3] - x[:, 0] - x[:, 1], y[:, 2] + y[:, 3] - y[:, 0] - y[:, 1]
+    return np.arctan2(iy - jx, ix + jy)
+
+
+@final
+class Staggered:
+    """Between the centres of a structured grid's cells and the points where a host has velocities.
+
+    Parameters
+    ----------
+    grid : rectilinear or curvilinear, with its mask
+    where : "u", faces across i, shape (ny, nx + 1), face i on the west of cell i; "v", faces across j, (ny + 1, nx);
+        "corners", (ny + 1, nx + 1)
+    periodic : (along i, along j): whether the last cell is the first one's neighbour; the points along that
+        direction are then as many as the cells
+    open : (points,) bool, which points the host lets flow; default: those whose cells are all wet, none on the rim
+    area : (points,) the area that the host counts for a point [m²]; default: the halves (quarters) of its cells
+
+    Attributes
+    ----------
+    shape : of the points, (rows, columns); all arrays are flat, C order
+    weights : w, sparse CSR (points, cells)
+    open, area : as above
+
+    Raises
+    ------
+    InputError
+        for a grid without rows and columns, an unknown `where`, arrays of a wrong size.
+
+    Examples
+    --------
+    >>> row = Grid.uniform(x=(0.0, 3.0), y=(0.0, 1.0), shape=(1, 3), wet=[True, True, False])
+    >>> faces = Staggered(row, "u")
+    >>> faces.flux([1.0, 1.0, 1.0])
+    array([0., 2., 0., 0.])
+    >>> faces.state([9.0, 0.5, 9.0, 9.0])
+    array([0.5, 0.5, 0. ])
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        where: Where,
+        periodic: tuple[bool, bool] = (False, False),
+        open: np.ndarray | None = None,
+        area: np.ndarray | None = None,
+    ) -> None:
+        from scipy.sparse import csr_array
+
+        _structured(grid)
+        if where not in ("u", "v", "corners"):
+            raise InputError(f"where = {where!r}: {choose(where, ('u', 'v', 'corners'))}")
+        ny, nx = grid.shape
+        across_i, across_j = where in ("u", "corners"), where in ("v", "corners")
+        rows = ny + (across_j and not periodic[1])
+        columns = nx + (across_i and not periodic[0])
+        self.grid, self.where, self.shape = grid, where, (rows, columns)
+        j, i = np.divmod(np.arange(grid.size), nx)
+        cell, point = [], []
+        for up in (0, 1) if across_j else (0,):
+            for right in (0, 1) if across_i else (0,):
+                cell.append(np.arange(grid.size))
+                point.append((j + up) % rows * columns + (i + right) % columns)
+        cells, points = np.concatenate(cell), np.concatenate(point)
+        size, around = rows * columns, len(cell)
+        if open is None:
+            wet = np.bincount(points, weights=grid.wet[cells], minlength=size)
+            self.open = wet == around
+        else:
+            self.open = _of_points("open", open, size).astype(bool)
+        if area is None:
+            self.area = np.bincount(points, weights=grid.area[cells] / around, minlength=size)
+        else:
+            self.area = _of_points("area", area, size).astype(float)
+            wrong = self.open & ~(np.isfinite(self.area) & (self.area > 0))
+            if wrong.any():
+                k = int(np.argmax(wrong))
+                raise InputError(f"area[{k}] = {self.area[k]}: must be greater than 0")
+        kept = self.open[points] & grid.wet[cells]
+        cells, points = cells[kept], points[kept]
+        count = np.bincount(cells, minlength=grid.size)
+        self.weights = csr_array(
+            (1.0 / count[cells], (points, cells)), shape=(size, grid.size), dtype=float
+        )
+        self._alone = grid.wet & (count == 0)
+
+    def flux(self, values: np.ndarray) -> np.ndarray:
+        """A flux per area (stress) from cells to points, 0 on closed ones; keeps the integral.
+
+        Parameters
+        ----------
+        values : (grid.size,) per cell area [N m-2]; a mean over time, or an impulse [N s m-2]
+
+        Returns
+        -------
+        (points,) per area of the point; Σ result × area = Σ values × grid.area over wet cells, less
+        `undelivered`
+
+        Raises
+        ------
+        InputError
+            for a wrong size, or a value on a wet cell that is not finite.
+        """
+        given = self._on_cells(values) * self.grid.area
+        return np.divide(
+            self.weights @ given, self.area, out=np.zeros(self.area.size), where=self.open
+        )
+
+    def state(self, values: np.ndarray) -> np.ndarray:
+        """A velocity from points to cells: mean over the open points of each cell, 0 where there is none.
+
+        Parameters
+        ----------
+        values : (points,); what stands on closed points is not looked at
+
+        Raises
+        ------
+        InputError
+            for a wrong size, or a value on an open point that is not finite.
+        """
+        values = _finite("point", _of_points("values", values, self.open.size), self.open)
+        return self.weights.T @ values
+
+    def undelivered(self, values: np.ndarray) -> float:
+        """The part of Σ values × grid.area on wet cells without any open point, a force [N] of a stress."""
+        return float((self._on_cells(values) * self.grid.area)[self._alone].sum())
+
+    def _on_cells(self, values: np.ndarray) -> np.ndarray:
+        values = np.asarray(values, np.float64).ravel()
+        if values.size != self.grid.size:
+            raise InputError(f"{values.size} values for {self.grid.size} cells")
+        return _finite("cell", values, self.grid.wet)
+
+    def __repr__(self) -> str:
+        kind = {"u": "faces across i", "v": "faces across j", "corners": "corners"}[self.where]
+        rows, columns = self.shape
+        return f"Staggered({rows} × {columns} {kind}, {int(self.open.sum())} open)"
+
+
+def _structured(grid: Grid) -> None:
+    if len(grid.shape) != 2:
+        raise InputError(f"{grid!r}: has no rows and columns; must be rectilinear or curvilinear")
+
+
+def _of_points(name: str, values: np.ndarray, size: int) -> np.ndarray:
+    values = np.asarray(values).ravel()
+    if values.size != size:
+        raise InputError(f"{name}: {values.size} values for {size} points")
+    return values
+
+
+def _finite(place: str, values: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """The values, 0 where they are not used."""
+    wrong = used & ~np.isfinite(values)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise InputError(f"value {values[k]} on open {place} {k}: must be finite")
+    return np.where(used, values, 0.0)
