@@ -31,7 +31,7 @@ def _record(*names: str) -> np.dtype:
 SPINNING = _record("x", "y", "r", "h", "u", "v", "w", "omega")
 MOVING = _record("x", "y", "r", "h", "u", "v", "w", "unused")
 FORCE = _record("x", "y")
-FORCE_AND_TORQUE = _record("x", "y", "torque", "unused")
+FORCE_AND_TORQUE = _record("x", "y", "torque")
 
 
 class Packed(NamedTuple):
