@@ -37,12 +37,17 @@ def main() -> None:
     floes.u[:], floes.v[:] = rng.normal(0, 0.1, (2, len(floes)))
     laws = {"cohesive": fb.cohesive(), "frictional": fb.frictional()}
     step = fb.Step(length=fb.Model(domain, floes.copy(), fb.frictional()).longest_step())
-    models = {
-        name: fb.Model(domain, floes.copy(), contact=law, step=step) for name, law in laws.items()
-    }
-    kernels, pairs = {}, {}
-    for name, model in models.items():
-        model.advance(20 * step.length)  # compiles, and brings the pack into contact
+
+    def packs() -> dict[str, fb.Model]:
+        made = {
+            n: fb.Model(domain, floes.copy(), contact=law, step=step) for n, law in laws.items()
+        }
+        for model in made.values():
+            model.advance(20 * step.length)  # compiles, and brings the pack into contact
+        return made
+
+    models, kernels, pairs = packs(), {}, {}
+    for name, model in packs().items():  # others: what is added to their forces stays there
         here = model._now()
         pairs[name] = len(here.pairs.i)
         kernels[name] = lambda here=here: [here._touch(step.length) for _ in range(100)]
