@@ -520,3 +520,137 @@ def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
     finally:
         if bar is not None:
             bar.close()
+
+
+# ---- the experiments of the paper -------------------------------------------------------------
+
+
+class _Several(click.ParamType):
+    """One value, or several with commas between them."""
+
+    name = "several"
+
+    def __init__(self, word: bool) -> None:
+        self.word = word
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not isinstance(value, str):
+            return value
+        parts = tuple(part.strip() for part in value.split(","))
+        if self.word:
+            return parts
+        try:
+            return tuple(float(part) for part in parts)
+        except ValueError:
+            self.fail(f"{value!r}: must be a number, or numbers with commas between them", param, ctx)
+
+
+def _experiment_options(kind: str) -> Callable:
+    """An option for each parameter of the experiment's table, and what both have."""
+    from floebmi.experiments import parameters
+
+    table = getattr(parameters, kind.capitalize())
+
+    def add(function: Callable) -> Callable:
+        for name, default, row in reversed(list(parameters.rows(table))):
+            unit = f" [{row.unit}]" if row.unit not in ("", "1") else ""
+            shown = default if isinstance(default, str) else f"{default:g}"
+            function = click.option(
+                f"--{name.replace('_', '-')}", name, type=_Several(isinstance(default, str)),
+                metavar="VALUE[,…]", help=f"{row.meaning}{unit}; {shown}.",
+            )(function)  # fmt: skip
+        return function
+
+    return add
+
+
+def _ensemble_options(function: Callable) -> Callable:
+    for option in reversed(
+        [
+            click.option("--seeds", type=click.IntRange(1), help="Number of seeds of each point."),
+            click.option(
+                "--save", type=click.Path(path_type=Path), metavar="FILE",
+                help="NetCDF file to make; finished members are kept beside it and not run again.",
+            ),
+            click.option(
+                "--figure", type=click.IntRange(1, 10), metavar="N",
+                help="Run what figure N of the paper shows, and draw it.",
+            ),
+            click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores."),
+            click.option(
+                "--cluster", metavar="ADDRESS", help="Run on the Dask cluster with this scheduler."
+            ),
+            click.option("--quiet", is_flag=True, help="Print nothing but errors."),
+        ]
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+@floebmi.group(cls=_Group)
+def experiment() -> None:
+    """Repeat the experiments of the paper; several values with commas between them make a sweep."""
+
+
+@experiment.command("shear")
+@_experiment_options("shear")
+@_ensemble_options
+def _shear(**options: Any) -> None:
+    """How strong is a pack of floes?  Simple shear under a loaded wall (Figs 1, 3, 4)."""
+    _experiment("shear", **options)
+
+
+@experiment.command("strait")
+@_experiment_options("strait")
+@_ensemble_options
+def _strait(**options: Any) -> None:
+    """How soon does a strait jam?  Floes driven through a funnel (Figs 2, 5 to 10)."""
+    _experiment("strait", **options)
+
+
+def _experiment(
+    name: str,
+    *,
+    seeds: int | None,
+    save: Path | None,
+    figure: int | None,
+    jobs: int | None,
+    cluster: str | None,
+    quiet: bool,
+    **given: tuple[Any, ...] | None,
+) -> None:
+    from floebmi.experiments import campaign, figures, parameters
+
+    kind = getattr(parameters, name.capitalize())
+    values = {key: several for key, several in given.items() if several is not None}
+    numbers = range(1, (seeds or {"shear": 3, "strait": 20}[name]) + 1)
+    with _cluster(cluster) as on:
+        how = {"jobs": jobs, "on": on, "progress": not quiet}
+        if figure is not None:
+            made = figures.make_figure(figure, kind, values, numbers, save, **how)
+        else:
+            if kind is parameters.Shear:
+                values.setdefault("normal_stress", parameters.NORMAL_STRESSES)
+            made = campaign.run(kind, values, numbers, save or Path(f"{name}.nc"), **how)
+    if not quiet:
+        click.echo(made.text)
+        click.echo("\n".join(f"wrote {path}" for path in made.files))
+    if made.failures:
+        _fail(f"{len(made.failures)} members failed; the same command runs them again", 3)
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Iterator[Any]:
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--cluster: needs dask.distributed, pip install 'floebmi[ensemble]'") from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--cluster {address}: {error}; must be a running scheduler") from None
+    with client:
+        yield client

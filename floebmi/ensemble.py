@@ -1,0 +1,370 @@
+"""Ensembles: one function of (parameters, seed), run for every point of a sweep and every seed.
+
+A member is a function `member(parameters, seed) → {name: array}` that a worker process can import.  It runs
+in local processes, or on any `concurrent.futures` executor, or on a `dask.distributed` Client.  Each member that
+finishes is put into a folder at once and whole, and is not run again; a member that fails is told in one
+line, and its numbers stay missing.  `gather` makes one data set of all, with a dimension for each
+parameter that is swept, and one for the seeds.
+
+    sweep = {"friction": (0.1, 0.3), "width": (5e3, 6e3)}
+    done = run(member, {"hours": 24.0}, sweep, range(20), "strait.members")
+    gather(done, {"jam_time": Output((), "s", "time of jamming")})
+"""
+
+import itertools
+import json
+import multiprocessing
+import os
+import signal
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from floebmi import __version__
+from floebmi.errors import InputError
+
+if TYPE_CHECKING:
+    import distributed
+    import xarray as xr
+
+Member = Callable[[Mapping[str, Any], int], Mapping[str, np.ndarray]]
+THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Output(NamedTuple):
+    """What a member returns under a name: its own dimensions, its units, and what it is."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+
+
+class Failure(NamedTuple):
+    """A member that did not finish: its place in the sweep, its seed, and why in one line."""
+
+    point: dict[str, Any]
+    seed: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{_words(self.point, self.seed)}: {self.reason}"
+
+
+class Ensemble(NamedTuple):
+    """Members by (place in the sweep, place among the seeds), and those that failed."""
+
+    parameters: dict[str, Any]
+    sweep: dict[str, tuple[Any, ...]]
+    seeds: tuple[int, ...]
+    members: dict[tuple[int, int], dict[str, np.ndarray]]
+    failures: list[Failure]
+
+    def points(self) -> list[dict[str, Any]]:
+        """All points of the sweep, the last parameter running fastest."""
+        return points_of(self.sweep)
+
+
+def run(
+    member: Member,
+    parameters: Mapping[str, Any],
+    sweep: Mapping[str, Sequence[Any]],
+    seeds: Sequence[int],
+    folder: str | Path,
+    *,
+    jobs: int | None = None,
+    on: "Executor | distributed.Client | None" = None,
+    code: Callable[[Mapping[str, Any]], object] | None = None,
+    progress: bool = False,
+) -> Ensemble:
+    """Run all members that have not finished yet.
+
+    Parameters
+    ----------
+    member : function of (parameters, seed) that returns arrays; importable by name
+    parameters : what all members share
+    sweep : values of each parameter that is swept; members run at every combination
+    seeds : whole numbers
+    folder : where finished members are kept, one file each
+    jobs : number of local processes; default: the cores that this process may use; 1 runs them here
+    on : run there instead: an executor, or a Client of `dask.distributed`
+    code : members for which it returns the same value run the same machine code: the first of each runs
+        before the others start, so that numba compiles once and not once a process
+    progress : show a bar
+
+    Raises
+    ------
+    InputError
+        if the folder holds members of other parameters, or of another function.
+    """
+    folder = Path(folder)
+    sweep = {name: tuple(values) for name, values in sweep.items()}
+    points = points_of(sweep)
+    _claim(folder, member, parameters)
+    names = {
+        (p, s): folder / f"{_words(point, seed)}.npz"
+        for p, point in enumerate(points)
+        for s, seed in enumerate(seeds)
+    }
+    done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
+    for key, path in names.items():
+        if path.exists():
+            done.members[key] = _load(path)
+    left = [key for key in names if key not in done.members]
+
+    def arguments(key: tuple[int, int]) -> tuple[Member, dict[str, Any], int]:
+        return member, {**parameters, **points[key[0]]}, seeds[key[1]]
+
+    with _bar(len(names), len(done.members), progress) as bar:
+
+        def keep(key: tuple[int, int], result: Mapping[str, np.ndarray] | Exception) -> None:
+            if isinstance(result, Exception):
+                text = " ".join(str(result).split()) or type(result).__name__
+                reason = text if type(result) is InputError else f"{type(result).__name__}: {text}"
+                failure = Failure(points[key[0]], seeds[key[1]], reason)
+                done.failures.append(failure)
+                bar.write(f"member failed: {failure}")
+            else:
+                arrays = {name: np.asarray(value) for name, value in result.items()}
+                _store(names[key], arrays)
+                done.members[key] = arrays
+            bar.update()
+
+        if on is None and (jobs or _cores()) == 1:
+            for key in left:
+                keep(key, _attempt(*arguments(key)))
+        elif left:
+            for some in _in_waves(left, lambda key: code and code(arguments(key)[1])):
+                _spread(some, arguments, keep, jobs or _cores(), on)
+    return done
+
+
+def gather(
+    done: Ensemble,
+    outputs: Mapping[str, Output],
+    coordinates: Mapping[str, Output] | None = None,
+    units: Mapping[str, tuple[str, str]] | None = None,
+) -> "xr.Dataset":
+    """One data set of all members: (parameters that are swept …, seed, own dimensions …).
+
+    Parameters
+    ----------
+    outputs : of the arrays to take; numbers of members that did not finish are NaN
+    coordinates : arrays that are the same for all members, such as a time; taken from one of them
+    units : unit and meaning of each parameter, for the attributes
+
+    Raises
+    ------
+    InputError
+        if no member has finished.
+    """
+    import xarray as xr
+
+    if not done.members:
+        first = f": {done.failures[0]}" if done.failures else ""
+        raise InputError(f"ensemble: no member has finished{first}")
+    one = next(iter(done.members.values()))
+    dims = (*done.sweep, "seed")
+    shape = tuple(len(values) for values in done.sweep.values()) + (len(done.seeds),)
+    data = xr.Dataset(coords={**{k: list(v) for k, v in done.sweep.items()}, "seed": list(done.seeds)})
+    for name in done.sweep:
+        unit, meaning = (units or {}).get(name, ("", ""))
+        data[name].attrs = _described(unit, meaning)
+    data["seed"].attrs = _described("1", "seed of the random numbers")
+    for name, (own, unit, meaning) in (coordinates or {}).items():
+        data.coords[name] = own, one[name], _described(unit, meaning)
+    for name, (own, unit, meaning) in outputs.items():
+        values = np.full((len(points_of(done.sweep)), len(done.seeds), *one[name].shape), np.nan)
+        for (p, s), arrays in done.members.items():
+            values[p, s] = arrays[name]
+        data[name] = (*dims, *own), values.reshape(*shape, *one[name].shape), _described(unit, meaning)
+    return data
+
+
+def save(data: "xr.Dataset", path: str | Path) -> None:
+    """Write a data set as NetCDF, whole or not at all."""
+    path = Path(path)
+    part = path.with_name(f"{path.name}.part")
+    data.to_netcdf(part, engine="netcdf4")
+    part.replace(path)
+
+
+def _described(unit: str, meaning: str) -> dict[str, str]:
+    return {key: text for key, text in (("units", unit), ("long_name", meaning)) if text}
+
+
+# ---- the folder of finished members -----------------------------------------------------------
+
+
+def points_of(sweep: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    return [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
+
+
+def _words(point: Mapping[str, Any], seed: int) -> str:
+    return ",".join([f"{name}={value:.12g}" if isinstance(value, float) else f"{name}={value}"
+                     for name, value in point.items()] + [f"seed={seed}"])  # fmt: skip
+
+
+def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
+    """Write what the members of this folder share, or refuse if they share something else."""
+    note = folder / "ensemble.json"
+    ours = {
+        "floebmi": __version__,
+        "member": f"{member.__module__}.{member.__qualname__}",
+        "parameters": dict(parameters),
+    }
+    text = json.dumps(ours, indent=1)
+    if note.exists():
+        theirs = json.loads(note.read_text())
+        differ = [
+            f"{name} = {theirs['parameters'].get(name)!r} there, {parameters.get(name)!r} here"
+            for name in sorted({*theirs["parameters"], *parameters})
+            if theirs["parameters"].get(name) != json.loads(json.dumps(parameters.get(name)))
+        ]
+        differ += [f"{key} {theirs[key]} there" for key in ours if key != "parameters" and theirs[key] != ours[key]]  # fmt: skip
+        if differ:
+            raise InputError(
+                f"{folder}: holds members of another ensemble ({'; '.join(differ)}); "
+                "give another place, or remove the folder"
+            )
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
+    folder.mkdir(parents=True, exist_ok=True)
+    part = note.with_suffix(".part")
+    part.write_text(text)
+    part.replace(note)
+
+
+def _store(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez(file, **arrays)
+    part.replace(path)
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, zipfile.BadZipFile):
+        raise InputError(f"{path}: not a finished member; remove it to run it again") from None
+
+
+# ---- processes --------------------------------------------------------------------------------
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _start_worker() -> None:
+    """One thread a process; an interrupt is for the process that asked for the members."""
+    for name in THREADS:
+        os.environ[name] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _attempt(
+    member: Member, parameters: dict[str, Any], seed: int
+) -> Mapping[str, np.ndarray] | Exception:
+    try:
+        return member(parameters, seed)
+    except Exception as error:  # noqa: BLE001  whatever it is, the others go on
+        return error
+
+
+def _in_waves(
+    keys: Sequence[tuple[int, int]], code: Callable[[tuple[int, int]], object]
+) -> Iterator[list[tuple[int, int]]]:
+    """First one member of each code, which compiles it; then all others."""
+    first: dict[object, tuple[int, int]] = {}
+    for key in keys:
+        first.setdefault(code(key), key)
+    pioneers = list(first.values())
+    yield pioneers
+    yield [key for key in keys if key not in pioneers]
+
+
+def _spread(
+    keys: list[tuple[int, int]],
+    arguments: Callable[[tuple[int, int]], tuple[Member, dict[str, Any], int]],
+    keep: Callable[[tuple[int, int], Mapping[str, np.ndarray] | Exception], None],
+    jobs: int,
+    on: "Executor | distributed.Client | None",
+) -> None:
+    """Run members somewhere else, and keep each as it comes."""
+    if on is not None:
+        executor = on if isinstance(on, Executor) else on.get_executor()
+        _collect(executor, keys, arguments, keep)
+        return
+    lost = _in_a_pool(keys, arguments, keep, jobs)
+    for key in lost:  # a process died and took others' members with it: each by itself now
+        for _ in _in_a_pool([key], arguments, keep, 1):
+            keep(key, RuntimeError("the process ended without a word (out of memory?)"))
+
+
+def _in_a_pool(keys, arguments, keep, jobs):
+    context = multiprocessing.get_context("spawn")
+    workers = min(jobs, len(keys)) or 1
+    with ProcessPoolExecutor(workers, context, _start_worker) as pool:
+        return _collect(pool, keys, arguments, keep)
+
+
+def _collect(executor, keys, arguments, keep):
+    """Returns the members that were lost with their process."""
+    futures = {executor.submit(_attempt, *arguments(key)): key for key in keys}
+    lost = []
+    try:
+        for future in as_completed(futures):
+            try:
+                result = future.result()
+            except BrokenProcessPool:
+                lost.append(futures[future])
+                continue
+            except Exception as error:  # noqa: BLE001  of the executor, such as a worker that was lost
+                result = error
+            keep(futures[future], result)
+    except KeyboardInterrupt:
+        for future in futures:
+            future.cancel()
+        raise
+    return lost
+
+
+class _Quiet:
+    """A progress bar that shows nothing, but says what failed."""
+
+    def __enter__(self) -> "_Quiet":
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        pass
+
+    def update(self) -> None:
+        pass
+
+    def write(self, text: str) -> None:
+        import warnings
+
+        warnings.warn(text, stacklevel=4)
+
+
+def _bar(total: int, initial: int, progress: bool) -> Any:
+    if not progress:
+        return _Quiet()
+    import sys
+
+    from tqdm import tqdm
+
+    class Bar(tqdm):
+        def write(self, text: str) -> None:  # beside the bar, on the same stream
+            super().write(text, file=sys.stderr)
+
+    return Bar(
+        total=total, initial=initial, unit=" members", mininterval=0.2 if sys.stderr.isatty() else 5.0
+    )

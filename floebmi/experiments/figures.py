@@ -1,0 +1,389 @@
+"""The figures of the paper, each from this model.
+
+| figure | shows |
+|---|---|
+| 1 | the cell in shear |
+| 2 | the strait, with its current |
+| 3 | shear stress and friction against normal stress, with fits of τ = C + μ_u N |
+| 4 | displacement against height |
+| 5 | the strait in time, with the chains of force |
+| 6, 7 | transport, survival and T against friction, against tensile strength |
+| 8, 9, 10 | the same against width, spread of sizes, thickness; both models |
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from floebmi import plot
+from floebmi.ensemble import Failure
+from floebmi.errors import InputError
+from floebmi.experiments import campaign, shear, statistics, strait
+from floebmi.experiments.parameters import NORMAL_STRESSES, Experiment, Shear, Strait, make
+from floebmi.floes import FIXED, FIXED_X
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FRICTIONAL = {"friction": (0.3,), "tensile_strength": (0.0,)}
+COHESIVE = {"friction": (0.0,), "tensile_strength": (200e3,)}
+NEITHER = {"friction": (0.0,), "tensile_strength": (0.0,)}
+TWO = {"frictional": FRICTIONAL, "cohesive": COHESIVE}
+THREE = {**TWO, "neither": NEITHER}
+COLOURS = {"frictional": "#0072B2", "cohesive": "#D55E00", "neither": "#6b6b6b"}
+KPA, KM, HOUR = 1e3, 1e3, 3600.0
+
+
+class Sweep(NamedTuple):
+    """What a figure against a parameter varies: its values, for which models, and how it is shown."""
+
+    name: str
+    values: tuple[float, ...]
+    models: Mapping[str, Mapping[str, tuple[float, ...]]]
+    label: str
+    unit: float = 1.0
+
+
+SWEEPS = {  # the paper gives no values; chosen: its baseline, and what lies on both sides of it
+    6: Sweep("friction", (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), {"frictional": {"tensile_strength": (0.0,)}}, "friction coefficient μ"),
+    7: Sweep("tensile_strength", (0.0, 50e3, 100e3, 200e3, 300e3, 400e3), {"cohesive": {"friction": (0.0,)}}, "tensile strength σ_c [kPa]", KPA),
+    8: Sweep("width", (5e3, 6e3, 7e3, 8e3), TWO, "width of the strait W [km]", KM),
+    9: Sweep("spread", (0.0, 0.5, 1.0, 1.4), TWO, "range of radii over the paper's 750 m"),
+    10: Sweep("thickness", (0.5, 1.0, 2.0, 3.0), TWO, "thickness h [m]"),
+}  # fmt: skip
+KINDS: dict[int, type[Experiment]] = {n: Shear if n in (1, 3, 4) else Strait for n in range(1, 11)}
+
+
+class Drawn(NamedTuple):
+    """A figure, the data that it is made of, the members that failed, and what to say."""
+
+    figure: "Figure"
+    files: list[Path]
+    failures: list[Failure]
+    text: str
+
+
+def make_figure(
+    number: int,
+    kind: type[Experiment],
+    values: Mapping[str, Sequence[Any]],
+    seeds: Sequence[int],
+    to: Path | None = None,
+    **how: Any,
+) -> Drawn:
+    """Run what a figure of the paper shows, and draw it.
+
+    Parameters
+    ----------
+    number : of the figure, 1 to 10
+    kind : the experiment, to be asked for by the right name
+    values : of parameters, instead of those of the table and of the figure
+    seeds : of the members; figures 1, 2 and 5 show the first of them
+    to : the picture; default: figure-N.png.  The files of the runs go beside it
+    how : jobs, on, progress: see `ensemble.run`
+    """
+    import matplotlib
+
+    if kind is not KINDS[number]:
+        right = KINDS[number].__name__.lower()
+        raise InputError(f"figure {number}: is of the other experiment; floebmi experiment {right}")
+    to = Path(f"figure-{number}.png") if to is None else Path(to)
+    if to.suffix not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
+    if not to.parent.is_dir():
+        raise InputError(f"{to}: there is no folder {to.parent}")
+    with matplotlib.rc_context(plot.style()):
+        if number in (1, 2, 5):
+            one = _single(kind, values, number)
+            figure = {1: _shear_cell, 2: _strait_map, 5: _strait_in_time}[number](one, seeds[0])
+            drawn = Drawn(figure, [], [], "")
+        else:
+            drawn = _from_ensembles(number, kind, values, seeds, to, how)
+        drawn.figure.savefig(to, dpi=160)
+    return drawn._replace(files=[*drawn.files, to])
+
+
+def _single(kind: type[Experiment], values: Mapping[str, Sequence[Any]], number: int) -> Experiment:
+    several = [name for name, v in values.items() if len(v) > 1]
+    if several:
+        raise InputError(f"{several[0]}: figure {number} shows one run; give one value")
+    return make(kind, {name: v[0] for name, v in values.items()})
+
+
+def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
+    if kind is Shear:
+        swept, models, stem = {"normal_stress": NORMAL_STRESSES}, THREE, "shear"
+    else:
+        sweep = SWEEPS[number]
+        swept, models, stem = {sweep.name: sweep.values}, sweep.models, f"figure-{number}"
+    made = {}
+    for model, laws in models.items():
+        # the figures of one experiment share what they can: 3 and 4 are of the same runs
+        path = to.with_name(f"{stem}-{model}.nc")
+        chosen = {**laws, **swept, **values}
+        extra = [k for k, v in chosen.items() if len(v) > 1 and k not in swept]
+        if extra:
+            raise InputError(f"{extra[0]}: figure {number} sweeps {', '.join(swept)}; give one value")
+        made[model] = campaign.run(kind, chosen, seeds, path, **how)
+    data = {model: one.data for model, one in made.items()}
+    draw: Callable[..., Figure] = {3: _stresses, 4: _profiles}.get(number, _jamming)
+    figure = draw(data) if number in (3, 4) else draw(data, SWEEPS[number])
+    return Drawn(
+        figure,
+        [path for one in made.values() for path in one.files],
+        [failure for one in made.values() for failure in one.failures],
+        "\n".join(f"{model}\n{one.text}" for model, one in made.items()),
+    )
+
+
+# ---- shear ------------------------------------------------------------------------------------
+
+
+def _shear_cell(p: Shear, seed: int) -> "Figure":
+    import matplotlib.pyplot as plt
+
+    cell = shear.consolidate(p, seed)
+    figure, axes = plt.subplots(1, 2, figsize=(7.2, 5.6), layout="constrained", sharey=True)
+    time = 0.25 * p.duration
+    for ax, title in zip(axes, ("consolidated", f"after {time:g} s of shear"), strict=True):
+        f = cell.model.floes
+        colours = np.where(cell.standing, "#9a9a9a", np.where(cell.driven, "#E69F00", "#ffffff"))
+        wall = float(cell.model.wall_positions[0])
+        for shift in (-cell.length, 0.0, cell.length):
+            _discs(ax, f.x + shift, f.y, f.radius, colours, 1.0)
+        chains(ax, cell.model, 1.0)
+        ax.axhline(wall, color=plot.INK, lw=2.5)
+        ax.set(title=title, xlabel="x [m]", xlim=(0, cell.length), ylim=(0, 1.12 * wall), aspect="equal")
+        if ax is axes[0]:
+            ax.set_ylabel("y [m]")
+            cell.model.advance(time)
+    axes[0].text(0.5 * cell.length, 1.04 * wall, f"N = {p.normal_stress / KPA:g} kPa  ↓", ha="center")
+    axes[1].text(0.5 * cell.length, 1.04 * wall, f"{p.speed:g} m/s  →", ha="center")
+    return figure
+
+
+def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 3.4), layout="constrained")
+    for model, one in data.items():
+        colour, n = COLOURS[model], one.normal_stress.values / KPA
+        each = one.shear_stress.transpose("normal_stress", "seed").values
+        left.plot(n, each / KPA, "o", color=colour, ms=3.5, alpha=0.6, mew=0)
+        f, c = float(one.bulk_friction), float(one.bulk_cohesion) / KPA
+        if np.isfinite(f):
+            low, high = one.bulk_friction_bounds.values
+            clow, chigh = one.bulk_cohesion_bounds.values / KPA
+            label = (
+                f"{model}: μ_u = {f:.2f} ({low:.2f} … {high:.2f}),\nC = {c:.1f} kPa ({clow:.1f} … {chigh:.1f})"
+            )
+            line = np.linspace(0, n.max(), 60)
+            left.plot(line, c + f * line, color=colour, label=label)
+            middle, band = _band(np.repeat(n, each.shape[1]), each.ravel() / KPA, line)
+            left.fill_between(line, middle - band, middle + band, color=colour, alpha=0.15, lw=0)
+        ratio = each / KPA / n[:, None]
+        right.errorbar(
+            n, np.nanmean(ratio, axis=1), np.nanstd(ratio, axis=1), fmt="o-", ms=4, color=colour,
+            label=model, capsize=2,
+        )  # fmt: skip
+    left.set(xlabel="normal stress N [kPa]", ylabel="shear stress τ [kPa]", xlim=(0, None))
+    right.set(xlabel="normal stress N [kPa]", ylabel="τ/N [1]", xscale="log")
+    ticks = next(iter(data.values())).normal_stress.values / KPA
+    right.set_xticks(ticks, [f"{t:g}" for t in ticks], minor=False)
+    right.minorticks_off()
+    left.legend(fontsize=6.5, loc="upper left")
+    right.legend(title="mean and spread of seeds", title_fontsize=7)
+    left.set_ylim(min(0.0, left.get_ylim()[0]), 1.35 * left.get_ylim()[1])
+    right.set_ylim(0, None)
+    return figure
+
+
+def _band(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least-squares line, and the half width of its 95 % confidence band."""
+    from scipy.stats import linregress, t
+
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good], y[good]
+    if len(x) < 3:
+        return np.full(at.shape, np.nan), np.full(at.shape, np.nan)
+    fit = linregress(x, y)
+    rest = y - fit.intercept - fit.slope * x
+    s = np.sqrt((rest**2).sum() / (len(x) - 2))
+    spread = np.sqrt(1 / len(x) + (at - x.mean()) ** 2 / ((x - x.mean()) ** 2).sum())
+    return fit.intercept + fit.slope * at, t.ppf(0.975, len(x) - 2) * s * spread
+
+
+def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
+    import matplotlib.pyplot as plt
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm
+
+    figure, axes = plt.subplots(
+        1, len(data), figsize=(2.6 * len(data), 3.4), layout="constrained", sharey=True, squeeze=False
+    )
+    stresses = next(iter(data.values())).normal_stress.values / KPA
+    norm = LogNorm(0.8 * stresses.min(), 1.25 * stresses.max())
+    for ax, (model, one) in zip(axes[0], data.items(), strict=True):
+        for n in one.normal_stress.values:
+            mean = one.displacement.sel(normal_stress=n).mean("seed")
+            ax.plot(mean, one.layer, color=plt.cm.viridis(norm(n / KPA)))
+        ax.set(title=model, xlabel="displacement over the top's [1]", xlim=(-0.03, 1.03), ylim=(0, 1))
+    axes[0, 0].set_ylabel("height over the wall's [1]")
+    bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="normal stress N [kPa]")
+    bar.set_ticks(stresses, labels=[f"{n:g}" for n in stresses])
+    bar.minorticks_off()
+    return figure
+
+
+# ---- strait -----------------------------------------------------------------------------------
+
+
+def _strait_map(p: Strait, seed: int) -> "Figure":
+    import matplotlib.pyplot as plt
+
+    model = strait.build(p, seed)
+    figure, ax = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    _funnel(ax, model)
+    ny, nx = model.grid.shape
+    u, v = (c.reshape(ny, nx)[::2, ::2] for c in (model.ocean.u, model.ocean.v))
+    x, y = (np.reshape(c, (ny, nx))[::2, ::2] / KM for c in (model.grid.x, model.grid.y))
+    moving = np.hypot(u, v) > 0.01 * p.current
+    arrows = ax.quiver(
+        x[moving], y[moving], u[moving], v[moving], color="#0072B2", scale=12 * p.current + 1e-9,
+        width=0.003, zorder=4,
+    )  # fmt: skip
+    ax.quiverkey(arrows, 0.88, 0.08, p.current, f"current {p.current:g} m/s", labelpos="N")
+    ax.set_title(f"wind {p.wind:g} m/s towards −y, strait {p.width / KM:g} km wide")
+    return figure
+
+
+def _strait_in_time(p: Strait, seed: int) -> "Figure":
+    import matplotlib.pyplot as plt
+
+    given = p._asdict()
+    figure, axes = plt.subplots(2, 3, figsize=(8.4, 4.9), layout="constrained", sharex=True, sharey=True)
+    for row, (model_name, laws) in zip(axes, TWO.items(), strict=True):
+        one = make(Strait, {**given, **{name: v[0] for name, v in laws.items()}})
+        model = strait.build(one, seed)
+        when, k = np.array([0.05, 0.15, 0.4]) * one.hours * HOUR, 0
+        for _ in strait.evolve(model, one):
+            if k < 3 and model.time >= when[k]:
+                _snapshot(row[k], model, f"{model_name}, {model.time / HOUR:.1f} h")
+                k += 1
+        jam = "jammed" if model.time < one.hours * HOUR else "end"
+        for ax in row[k:]:
+            _snapshot(ax, model, f"{model_name}, {jam}, {model.time / HOUR:.1f} h")
+    for ax in axes[0]:
+        ax.set_xlabel("")
+    for ax in axes[:, 1:].flat:
+        ax.set_ylabel("")
+    return figure
+
+
+def _snapshot(ax: "Axes", model: Any, title: str) -> None:
+    _funnel(ax, model)
+    chains(ax, model, KM)
+    ax.set_title(title, fontsize=8.5)
+
+
+def _funnel(ax: "Axes", model: Any) -> None:
+    f = model.floes
+    here = f.active
+    colours = np.where(f.land, plot.LAND, "#ffffff")[here]
+    _discs(ax, f.x[here], f.y[here], f.radius[here], colours, KM)
+    d = model.domain
+    ax.set(
+        xlabel="x [km]", ylabel="y [km]", aspect="equal",
+        xlim=(d.x[0] / KM, d.x[1] / KM), ylim=(d.y[0] / KM, d.y[1] / KM),
+    )  # fmt: skip
+
+
+def _discs(ax: "Axes", x: np.ndarray, y: np.ndarray, radius: np.ndarray, colours: np.ndarray, unit: float) -> None:  # fmt: skip
+    from matplotlib.collections import EllipseCollection
+
+    ax.add_collection(
+        EllipseCollection(
+            2 * radius / unit, 2 * radius / unit, np.zeros(len(x)), units="xy",
+            offsets=np.stack([x, y], axis=1) / unit, offset_transform=ax.transData,
+            facecolor=colours, edgecolor=plot.INK, linewidth=0.3, zorder=2,
+        ),
+        autolim=False,
+    )  # fmt: skip
+
+
+def chains(ax: "Axes", model: Any, unit: float) -> None:
+    """Contacts as lines between centres, wider with their force; pushes are dark, pulls of bonds red."""
+    from matplotlib.collections import LineCollection
+
+    c, f = model.contacts(), model.floes
+    force = np.hypot(c.fx, c.fy)
+    if not len(force):
+        return
+    start = np.stack([f.x[c.i], f.y[c.i]], axis=1)
+    ends = np.stack([start, start + np.stack([c.dx, c.dy], axis=1)], axis=1) / unit
+    strong = np.quantile(force, 0.95)
+    width = 2.6 * np.minimum(force / strong, 1.5) if strong > 0 else force
+    colours = np.where(c.overlap < 0, "#CC3311", plot.INK)
+    ax.add_collection(
+        LineCollection(ends, linewidths=width, colors=colours, zorder=3, capstyle="round"), autolim=False
+    )
+
+
+def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
+    import matplotlib.pyplot as plt
+
+    rows = len(data)
+    figure, axes = plt.subplots(
+        rows, 3, figsize=(9.2, 2.9 * rows), layout="constrained", squeeze=False, width_ratios=(1, 1, 1)
+    )
+    shades = plt.cm.viridis(np.linspace(0.0, 0.9, len(next(iter(data.values()))[sweep.name])))
+    for (mass, share, scale), (model, one) in zip(axes, data.items(), strict=True):
+        for colour, value in zip(shades, one[sweep.name].values, strict=True):
+            at = one.sel({sweep.name: value})
+            hours = at.time.values / HOUR
+            mass.plot(hours, at.transport.transpose("time", "seed") / 1e9, color=colour, lw=0.5, alpha=0.5)
+            mass.plot(hours, at.transport.mean("seed") / 1e9, color=colour, lw=1.8, label=f"{value / sweep.unit:g}")  # fmt: skip
+            _survival(share, at, colour)
+        _timescales(scale, one, sweep, COLOURS[model])
+        mass.set(title=model, xlabel="time [h]", ylabel="mass through the strait [Mt]")
+        share.set(xlabel="time [h]", ylabel="share that flows P_s [1]", ylim=(-0.03, 1.03), xlim=mass.get_xlim())  # fmt: skip
+        mass.legend(title=sweep.label, fontsize=6.5, title_fontsize=6.5, loc="upper left")
+    return figure
+
+
+def _survival(ax: "Axes", one: "xr.Dataset", colour: Any) -> None:
+    """Steps of P_s, and the curve of maximum likelihood, dashed."""
+    n = int(np.isfinite(one.flow_start).sum())
+    if not n:
+        return
+    end = float(one.time[-1]) / HOUR
+    times, share = statistics.survival(one.jam_time.values[np.isfinite(one.flow_start.values)])
+    ax.step([0.0, *times / HOUR, end], [1.0, *share, share[-1] if len(share) else 1.0], where="post", color=colour)  # fmt: skip
+    T = float(one.jamming_timescale) / HOUR
+    if np.isfinite(T) and T > 0:
+        start = float(one.flow_start.mean()) / HOUR
+        t = np.linspace(start, end, 100)
+        ax.plot(t, np.exp(-(t - start) / T), "--", color=colour, lw=0.8)
+
+
+def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep, colour: str) -> None:
+    """T with its interval; arrows are lower bounds where no run jammed; crosses the fit as in the paper."""
+    x = one[sweep.name].values / sweep.unit
+    T, fit = one.jamming_timescale.values / HOUR, one.jamming_timescale_fit.values / HOUR
+    low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in ("low", "high"))
+    some = np.isfinite(T)
+    if some.any():
+        bars = np.stack([T - low, high - T])[:, some]
+        ax.errorbar(x[some], T[some], bars, fmt="o", color=colour, capsize=3, label="maximum likelihood, 95 %")  # fmt: skip
+    if (~some).any():
+        ax.plot(x[~some], low[~some], "^", color=colour, mfc="none", label="no run jammed: T above this, 95 %")  # fmt: skip
+    fitted = np.isfinite(fit) & (fit > 0)
+    if fitted.any():
+        error = one.jamming_timescale_fit_deviation.values[fitted] / HOUR
+        ax.errorbar(x[fitted], fit[fitted], error, fmt="x", color=plot.INK, ms=5, capsize=2, lw=0.8, label="least squares, as the paper")  # fmt: skip
+    ax.set(xlabel=sweep.label, ylabel="time until it jams T [h]", yscale="log")
+    ax.legend(fontsize=6.5)

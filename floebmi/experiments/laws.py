@@ -1,0 +1,30 @@
+"""What the parameters of an experiment list, and nothing else: a law that is not asked for is not there."""
+
+from floebmi.bonds import TensileStrength
+from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, Elastic, Restitution
+from floebmi.dynamics import Step
+from floebmi.experiments.parameters import AS_THE_PAPER, Experiment
+from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
+
+
+def contact(p: Experiment) -> Contact:
+    """The contact law: friction, bonds and dashpots only where a parameter asks for them."""
+    friction = bonds = dashpot = None
+    if p.friction > 0:
+        kind = Damsgaard2018Coulomb if p.preset in AS_THE_PAPER else Coulomb
+        friction = kind(p.friction, p.poisson_ratio)
+    if p.tensile_strength > 0:
+        bonds = TensileStrength(p.tensile_strength)
+    if p.restitution < 1:
+        dashpot = Restitution(p.restitution)
+    return Contact(Elastic(p.youngs_modulus), friction, bonds, dashpot)
+
+
+def step(p: Experiment) -> Step:
+    """How time is stepped."""
+    return Step("taylor3", epsilon=0.07) if p.preset in AS_THE_PAPER else Step()
+
+
+def drag(p: Experiment) -> tuple[OceanDrag, AirDrag]:
+    """The drag laws of a preset; the default's are those that the paper prints."""
+    return DRAG_PRESETS["damsgaard2018" if p.preset == "default" else p.preset]

@@ -1,0 +1,172 @@
+"""The one table: every number of the two experiments, its unit, and where it comes from.
+
+"stated" means that the paper gives it; "chosen" that it does not, and why this value; "reference code" that
+it is from the examples of the paper's own code, Granular.jl.  A field is a row of the table, an option of
+`floebmi experiment`, and a parameter of a member.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Lt
+
+from floebmi import quantities
+from floebmi.errors import InputError, choose
+from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
+
+Preset = Literal["default", "damsgaard2018", "granular.jl-0.3.2", "constant-cd"]
+PRESETS: tuple[str, ...] = get_args(Preset)
+# presets that run as the paper's code did: three-term Taylor, Eq. 4's step, lever arms R_ij
+AS_THE_PAPER = ("damsgaard2018", "granular.jl-0.3.2")
+NORMAL_STRESSES = (5e3, 10e3, 20e3, 40e3, 80e3)  # [Pa], of a sweep in shear: stated, 5 to 80 kPa
+
+
+class Row(NamedTuple):
+    """Of a parameter: unit, meaning, source."""
+
+    unit: str
+    meaning: str
+    source: str
+
+
+Share = Annotated[float, Gt(0), Lt(1)]
+Count = Annotated[float, Ge(1)]
+
+FRICTION = Row(
+    "1", "coefficient of friction μ; 0 leaves friction and rotation out", "stated: 0.3, sections 3, 4"
+)
+TENSILE = Row(
+    "Pa", "tensile strength σ_c; 0 leaves bonds out", "stated: 0 (frictional) or 200 kPa (cohesive)"
+)
+YOUNG = Row("Pa", "Young's modulus E", "stated: 20 MPa")
+POISSON = Row("1", "Poisson's ratio ν", "stated: 0.185")
+DENSITY = Row("kg m-3", "density of ice", "reference code")
+EXPONENT = Row("1", "exponent of the power law of floe radii", "stated: −1.8")
+THICKNESS = Row("m", "thickness of the floes", "chosen: 1 m, which the paper does not give")
+RESTITUTION = Row(
+    "1", "coefficient of restitution; 1 leaves dashpots out", "the paper has no dashpots"
+)
+PRESET = Row(
+    "",
+    "default: velocity Verlet, true lever arms; damsgaard2018: as the paper ran it; granular.jl-0.3.2: "
+    "the same with its code's drag; constant-cd: default with drag on the floe's area",
+    "chosen: the default scheme; the printed drag",
+)
+
+
+class Shear(NamedTuple):
+    """A pack in simple shear under a loaded wall (Figs 1, 3, 4 of the paper)."""
+
+    friction: Annotated[NonNegative, FRICTION] = 0.3
+    tensile_strength: Annotated[NonNegative, TENSILE] = 0.0
+    normal_stress: Annotated[Positive, Row("Pa", "stress N of the wall on top", "stated: 5 to 80 kPa")] = 20e3  # fmt: skip
+    floes: Annotated[Count, Row("1", "number of floes", "chosen: at least 1000")] = 1000
+    height: Annotated[Positive, Row("m", "height of the settled pack, about", "chosen: the inertia number is then 2e-3 to 1e-2 for 80 to 5 kPa")] = 1300.0  # fmt: skip
+    radius_min: Annotated[Positive, Row("m", "smallest radius", "stated: 5 m")] = 5.0
+    radius_max: Annotated[Positive, Row("m", "largest radius", "stated: 50 m")] = 50.0
+    exponent: Annotated[float, EXPONENT] = -1.8
+    thickness: Annotated[Positive, THICKNESS] = 1.0
+    speed: Annotated[Positive, Row("m s-1", "of the driven floes along +x", "stated: 1 m/s")] = 1.0
+    held: Annotated[Positive, Row("m", "floes this near to the bottom stand still, this near to the top are driven", "stated: one floe size; read as the largest diameter")] = 100.0  # fmt: skip
+    concentration: Annotated[Share, Row("1", "area of floes over that of the box before it settles", "chosen: the densest that is quick to settle")] = 0.75  # fmt: skip
+    settling: Annotated[Positive, Row("s", "time to settle in water that flows to −y", "chosen: all floes have come to rest")] = 200.0  # fmt: skip
+    settling_speed: Annotated[Positive, Row("m s-1", "of that water", "chosen: small against elastic waves")] = 2.0  # fmt: skip
+    consolidation: Annotated[Positive, Row("s", "time under the wall before the shear", "chosen: the wall has come to rest")] = 150.0  # fmt: skip
+    duration: Annotated[Positive, Row("s", "time of shear", "chosen: a strain of a half")] = 600.0
+    steady: Annotated[Share, Row("1", "last share of the shear that the means are taken over", "chosen: the stress has levelled off")] = 0.6  # fmt: skip
+    interval: Annotated[Positive, Row("s", "between measurements", "chosen: shorter than the wall's swing")] = 2.0  # fmt: skip
+    youngs_modulus: Annotated[Positive, YOUNG] = 2e7
+    poisson_ratio: Annotated[PoissonRatio, POISSON] = 0.185
+    restitution: Annotated[PositiveFraction, RESTITUTION] = 1.0
+    ice_density: Annotated[Positive, DENSITY] = 934.0
+    preset: Annotated[Preset, PRESET] = "default"
+
+
+class Strait(NamedTuple):
+    """Floes that wind and current drive through a funnel into a strait (Figs 2, 5 to 10)."""
+
+    friction: Annotated[NonNegative, FRICTION] = 0.3
+    tensile_strength: Annotated[NonNegative, TENSILE] = 0.0
+    width: Annotated[Positive, Row("m", "width W of the strait", "stated: 6000 m")] = 6000.0
+    thickness: Annotated[Positive, THICKNESS] = 1.0
+    radius_min: Annotated[Positive, Row("m", "smallest radius", "stated: 600 m")] = 600.0
+    radius_max: Annotated[Positive, Row("m", "largest radius", "stated: 1350 m")] = 1350.0
+    spread: Annotated[NonNegative, Row("1", "widens the range of radii about its middle by this factor", "chosen: the paper varies the range (Fig. 9)")] = 1.0  # fmt: skip
+    exponent: Annotated[float, EXPONENT] = -1.8
+    hours: Annotated[Positive, Row("h", "length of a run, if it does not jam", "chosen: a day")] = 24.0
+    slope: Annotated[Positive, Row("1", "of the funnel's walls, along x over along y", "chosen: 45°, near the reference code's 39°")] = 1.0  # fmt: skip
+    funnel: Annotated[Positive, Row("m", "length of the funnel", "chosen: holds about a hundred floes")] = 18e3  # fmt: skip
+    channel: Annotated[Positive, Row("m", "length of the strait below it", "chosen: two large floes")] = 3e3  # fmt: skip
+    wall_radius: Annotated[Positive, Row("m", "of the fixed floes of the walls, side by side", "reference code: the smallest floe's")] = 600.0  # fmt: skip
+    current: Annotated[NonNegative, Row("m s-1", "largest speed of the ocean, in mid-strait", "stated: 0 to 4 m/s")] = 4.0  # fmt: skip
+    wind: Annotated[NonNegative, Row("m s-1", "towards −y", "stated: 30 m/s")] = 30.0
+    concentration: Annotated[Share, Row("1", "area of floes over that of the funnel at the start", "chosen: dense, and not yet in contact")] = 0.7  # fmt: skip
+    patience: Annotated[Positive, Row("s", "without a floe through the outlet: jammed", "stated: 1 h")] = 3600.0  # fmt: skip
+    exchange: Annotated[Positive, Row("s", "between readings of the current at the floes", "chosen: a floe moves less than a cell")] = 120.0  # fmt: skip
+    spacing: Annotated[Positive, Row("m", "of the grid that carries the current", "chosen: of a floe's size")] = 1000.0  # fmt: skip
+    interval: Annotated[Positive, Row("s", "between values of the transport", "chosen")] = 600.0
+    youngs_modulus: Annotated[Positive, YOUNG] = 2e7
+    poisson_ratio: Annotated[PoissonRatio, POISSON] = 0.185
+    restitution: Annotated[PositiveFraction, RESTITUTION] = 1.0
+    ice_density: Annotated[Positive, DENSITY] = 934.0
+    preset: Annotated[Preset, PRESET] = "default"
+
+
+Experiment = Shear | Strait
+
+
+def rows(kind: type[Experiment]) -> Iterator[tuple[str, Any, Row]]:
+    """Name, default and row of each parameter."""
+    hints = get_type_hints(kind, include_extras=True)
+    for name, default in kind._field_defaults.items():
+        row = next(part for part in hints[name].__metadata__ if isinstance(part, Row))
+        yield name, default, row
+
+
+def is_word(kind: type[Experiment], name: str) -> bool:
+    """Whether a parameter is a word rather than a number."""
+    return get_origin(get_args(get_type_hints(kind, include_extras=True)[name])[0]) is Literal
+
+
+def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
+    """The parameters of a member, checked.
+
+    Raises
+    ------
+    InputError
+        naming the parameter, its value and what would be right.
+    """
+    for name in values:
+        if name not in kind._fields:
+            raise InputError(f"{kind.__name__}.{name}: {choose(name, kind._fields)}")
+    made = kind(**values)
+    if made.preset not in PRESETS:
+        raise InputError(f"{kind.__name__}.preset = {made.preset!r}: {choose(made.preset, PRESETS)}")
+    quantities.check([made])
+    for name in ("floes",):
+        value = getattr(made, name, 1)
+        if value != int(value):
+            raise InputError(f"{kind.__name__}.{name} = {value!r}: must be a whole number")
+    if made.radius_max < made.radius_min:
+        raise InputError(
+            f"{kind.__name__}.radius_max = {made.radius_max!r}: must be at least radius_min, {made.radius_min!r}"
+        )
+    if isinstance(made, Strait) and not radii(made)[0] > 0:
+        raise InputError(f"Strait.spread = {made.spread!r}: the smallest radius would not be positive")
+    return made
+
+
+def radii(p: Strait) -> tuple[float, float]:
+    """Smallest and largest radius [m], widened about their middle by `spread`."""
+    middle, half = 0.5 * (p.radius_min + p.radius_max), 0.5 * (p.radius_max - p.radius_min)
+    return middle - p.spread * half, middle + p.spread * half
+
+
+def code(values: Mapping[str, Any]) -> tuple[bool, ...]:
+    """Members with the same answer run the same machine code."""
+    return (
+        values["friction"] > 0,
+        values["tensile_strength"] > 0,
+        values["restitution"] < 1,
+        values["preset"] in AS_THE_PAPER,
+    )

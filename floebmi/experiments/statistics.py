@@ -1,0 +1,135 @@
+"""How soon does a strait jam, and how strong is a pack: fits with their uncertainty.
+
+Jamming is a matter of chance: while ice flows, it jams with the same probability in each second, 1/T.  The
+share of straits that still flow is then P_s(t) = exp(−(t − t₀)/T) (eq. survival).  T is found in two ways: as in the
+paper, by a least-squares fit (Levenberg-Marquardt) of this curve to the shares, with t₀ the first jam; and
+by maximum likelihood, which also counts the runs that ended before they jammed.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from floebmi.errors import InputError
+
+
+class Timescale(NamedTuple):
+    """Mean time T until a strait jams [s], and its confidence interval; T = inf where none jammed."""
+
+    value: float
+    low: float
+    high: float
+
+
+class SurvivalFit(NamedTuple):
+    """T [s] of P_s = exp(−(t − t₀)/T), its standard deviation from the fit, and t₀, the first jam [s]."""
+
+    value: float
+    deviation: float
+    start: float
+
+
+class Line(NamedTuple):
+    """τ = C + μ_u N: cohesion C [Pa] and friction μ_u [1], each with its confidence interval."""
+
+    cohesion: float
+    cohesion_low: float
+    cohesion_high: float
+    friction: float
+    friction_low: float
+    friction_high: float
+
+
+def survival(jam_time: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the jams in order [s], and the share of all runs that still flow after each.
+
+    jam_time : of each run [s], NaN for one that did not jam
+    """
+    times = np.asarray(jam_time, float).ravel()
+    jammed = np.sort(times[np.isfinite(times)])
+    return jammed, 1.0 - np.arange(1, len(jammed) + 1) / max(len(times), 1)
+
+
+def fit_survival(jam_time: ArrayLike) -> SurvivalFit:
+    """T as in the paper: Levenberg-Marquardt through P_s at the jams, t₀ the first of them (eq. survival).
+
+    With less than three jams there is nothing to fit: T and its deviation are NaN.  Runs that do not
+    jam count in the shares only, so P_s does not reach 0.
+    """
+    from scipy.optimize import curve_fit
+
+    times, share = survival(jam_time)
+    if len(times) < 3:
+        return SurvivalFit(np.nan, np.nan, times[0] if len(times) else np.nan)
+    since = times - times[0]
+    scale = since.mean()
+    if not scale > 0:
+        return SurvivalFit(0.0, 0.0, times[0])
+    # in the logarithm of T over the mean time, so that T stays positive
+    found, covariance = curve_fit(
+        lambda t, log_t: np.exp(-t / np.exp(log_t)), since / scale, share, p0=[0.0], method="lm"
+    )
+    value = float(scale * np.exp(found[0]))
+    return SurvivalFit(value, float(value * np.sqrt(covariance[0, 0])), float(times[0]))
+
+
+def timescale(
+    jam_time: ArrayLike, start: ArrayLike, end: ArrayLike, confidence: float = 0.95
+) -> Timescale:
+    """T by maximum likelihood: the time that all runs flowed, over the number of jams (eq. survival).
+
+    Parameters
+    ----------
+    jam_time : of each run [s], NaN where it did not jam
+    start : when it could first have jammed: the first floe reached the outlet [s]; NaN: never
+    end : of the run [s]; a run without a jam flowed until then
+    confidence : of the interval, by χ²: exact at each end where runs stop at the k-th jam, close to it where
+        they stop at a time
+
+    Returns
+    -------
+    Timescale.  Without a jam T is infinite, and so is the upper end; the lower one is one-sided.
+
+    References
+    ----------
+    J. F. Lawless (2003), Statistical models and methods for lifetime data, section 4.1.
+    """
+    from scipy.stats import chi2
+
+    jam, begin, stop = (np.asarray(values, float).ravel() for values in (jam_time, start, end))
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence = {confidence!r}: must be between 0 and 1")
+    jammed = np.isfinite(jam)
+    flowed = np.where(jammed, jam, stop) - begin
+    flowed = flowed[np.isfinite(flowed)]
+    if (flowed < 0).any():
+        raise InputError("timescale: a run jams or ends before it can; must be start <= jam, end")
+    total, k = float(flowed.sum()), int(jammed.sum())
+    if k == 0:
+        low = total / -np.log(1.0 - confidence) if total > 0 else 0.0
+        return Timescale(np.inf, float(low), np.inf)
+    tail = 0.5 * (1.0 - confidence)
+    # the time was cut for some: up to one more jam may have been on its way
+    more = 2 * k + (0 if jammed.all() else 2)
+    low = 2 * total / chi2.ppf(1.0 - tail, more)
+    return Timescale(total / k, float(low), float(2 * total / chi2.ppf(tail, 2 * k)))
+
+
+def fit_line(normal_stress: ArrayLike, shear_stress: ArrayLike, confidence: float = 0.95) -> Line:
+    """τ = C + μ_u N by least squares, with intervals from Student's t (eq. bulk-friction).
+
+    normal_stress, shear_stress : of each run [Pa]; runs with a NaN are left out.  With less than three
+        runs, or one normal stress only, all is NaN.
+    """
+    from scipy.stats import linregress, t
+
+    x, y = np.asarray(normal_stress, float).ravel(), np.asarray(shear_stress, float).ravel()
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good], y[good]
+    if len(x) < 3 or np.ptp(x) == 0:
+        return Line(*[np.nan] * 6)
+    fit = linregress(x, y)
+    wide = t.ppf(0.5 + 0.5 * confidence, len(x) - 2)
+    c, dc, m, dm = (float(v) for v in (fit.intercept, wide * fit.intercept_stderr, fit.slope, wide * fit.stderr))  # fmt: skip
+    return Line(c, c - dc, c + dc, m, m - dm, m + dm)

@@ -1,0 +1,137 @@
+"""Ensembles: members once and for all, failures in one line, one data set."""
+
+import os
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+from floebmi import ensemble
+from floebmi.ensemble import Output
+from floebmi.errors import InputError
+
+SWEEP = {"a": (1.0, 2.0), "b": (10.0, 20.0, 30.0)}
+OUTPUTS = {"sum": Output((), "m", "a + b + seed"), "row": Output(("t",), "s", "a row")}
+COORDINATES = {"t": Output(("t",), "s", "time")}
+
+
+def member(p, seed):
+    value = p["a"] + p["b"] + seed
+    return {"sum": np.array(value), "row": value * np.arange(3.0), "t": np.arange(3.0)}
+
+
+def noted(p, seed):
+    with open(p["log"], "a") as log:
+        log.write(f"{p['a']:g} {seed}\n")
+    return {"sum": np.array(p["a"] + seed)}
+
+
+def moody(p, seed):
+    if p["a"] == 2.0 and seed == 1:
+        raise ValueError("two\nlines")
+    return {"sum": np.array(p["a"] + seed)}
+
+
+def deadly(p, seed):
+    if p["a"] == 2.0 and seed == 1:
+        os._exit(1)
+    return {"sum": np.array(p["a"] + seed)}
+
+
+def tell_threads(p, seed):
+    time.sleep(0.2)
+    return {"sum": np.array(float(os.environ["NUMBA_NUM_THREADS"])), "process": np.array(os.getpid())}
+
+
+def test_members_become_one_data_set_with_a_dimension_for_each_parameter_and_the_seeds(tmp_path):
+    done = ensemble.run(member, {}, SWEEP, (3, 5), tmp_path / "m", jobs=1)
+    data = ensemble.gather(done, OUTPUTS, COORDINATES, {"a": ("m", "first")})
+    assert data["sum"].dims == ("a", "b", "seed")
+    assert float(data["sum"].sel(a=2.0, b=30.0, seed=5)) == 37.0
+    assert data["row"].sel(a=1.0, b=10.0, seed=3).values.tolist() == [0.0, 14.0, 28.0]
+    assert data["row"].attrs == {"units": "s", "long_name": "a row"}
+    assert data["a"].attrs["units"] == "m"
+
+
+def test_processes_give_the_same_as_this_one_with_one_thread_each(tmp_path):
+    here = ensemble.run(member, {}, SWEEP, (1,), tmp_path / "here", jobs=1)
+    there = ensemble.run(
+        member, {}, SWEEP, (1,), tmp_path / "there", jobs=2, code=lambda p: p["a"]
+    )
+    assert here.members.keys() == there.members.keys()
+    for key, arrays in here.members.items():
+        assert np.array_equal(arrays["row"], there.members[key]["row"])
+    threads = ensemble.run(tell_threads, {}, {"a": (1.0, 2.0)}, (1,), tmp_path / "t", jobs=2)
+    assert [one["sum"] for one in threads.members.values()] == [1.0, 1.0]
+    assert os.getpid() not in [one["process"] for one in threads.members.values()]
+
+
+def test_finished_members_are_not_run_again_and_more_can_be_asked_for(tmp_path):
+    log = tmp_path / "log"
+    shared = {"log": str(log)}
+    ensemble.run(noted, shared, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=1)
+    done = ensemble.run(noted, shared, {"a": (1.0, 2.0, 3.0)}, (1, 2, 3), tmp_path / "m", jobs=1)
+    lines = log.read_text().split("\n")[:-1]
+    assert len(lines) == len(set(lines)) == len(done.members) == 9
+
+
+def test_members_of_other_parameters_are_refused(tmp_path):
+    ensemble.run(member, {"c": 1.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    with pytest.raises(InputError, match=r"c = 1.0 there, 2.0 here"):
+        ensemble.run(member, {"c": 2.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    with pytest.raises(InputError, match="moody|member"):
+        ensemble.run(moody, {"c": 1.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("years")
+    with pytest.raises(InputError, match="no folder of an ensemble"):
+        ensemble.run(member, {}, SWEEP, (1,), tmp_path, jobs=1)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_member_that_fails_is_told_in_one_line_and_the_others_go_on(tmp_path, jobs):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        done = ensemble.run(moody, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=jobs)
+    assert [str(w.message) for w in told] == ["member failed: a=2,seed=1: ValueError: two lines"]
+    data = ensemble.gather(done, {"sum": OUTPUTS["sum"]})
+    assert np.isnan(data["sum"].sel(a=2.0, seed=1))
+    assert np.isfinite(data["sum"]).sum() == 3
+
+
+def test_a_process_that_dies_takes_no_other_member_with_it(tmp_path):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        done = ensemble.run(deadly, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=2)
+    assert len(done.members) == 3
+    assert len(told) == 1 and "a=2,seed=1: RuntimeError: the process ended" in str(told[0].message)
+
+
+def test_a_member_that_was_cut_short_leaves_nothing_that_looks_finished(tmp_path):
+    ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    one = next((tmp_path / "m").glob("*.npz"))
+    one.write_bytes(one.read_bytes()[:40])
+    with pytest.raises(InputError, match="not a finished member"):
+        ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    assert not list((tmp_path / "m").glob("*.part"))
+
+
+def test_an_ensemble_of_failures_only_makes_no_data_set(tmp_path):
+    with pytest.warns(UserWarning, match="failed"):
+        done = ensemble.run(moody, {}, {"a": (2.0,)}, (1,), tmp_path / "m", jobs=1)
+    with pytest.raises(InputError, match="no member has finished"):
+        ensemble.gather(done, OUTPUTS)
+
+
+def test_the_same_call_runs_on_a_dask_client(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        done = ensemble.run(member, {}, SWEEP, (1, 2), tmp_path / "m", on=client)
+    assert len(done.members) == 12
