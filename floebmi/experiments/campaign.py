@@ -107,6 +107,14 @@ def run(
     return Made(data, [path], done.failures)
 
 
+def table(kind: type[Experiment]) -> str:
+    """The table of an experiment's parameters, in Markdown."""
+    lines = ["| parameter | value | unit | meaning | source |", "|---|---|---|---|---|"]
+    for name, default, row in rows(kind):
+        lines.append(f"| `{name}` | {_plain(default)} | {row.unit} | {row.meaning} | {row.source} |")
+    return "\n".join(lines)
+
+
 def _fit_shear(data: "xr.Dataset") -> None:
     stress = data.shear_stress.transpose(..., "normal_stress", "seed")
     shape = stress.shape[:-2]
@@ -160,7 +168,7 @@ def _each(data: "xr.Dataset", dims: Sequence[str]):
 
 
 def _plain(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
 def _told_shear(data: "xr.Dataset") -> str:

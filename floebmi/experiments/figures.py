@@ -377,7 +377,7 @@ def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep, colour: str) -> Non
     low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in ("low", "high"))
     some = np.isfinite(T)
     if some.any():
-        bars = np.stack([T - low, high - T])[:, some]
+        bars = np.stack([T[some] - low[some], high[some] - T[some]])
         ax.errorbar(x[some], T[some], bars, fmt="o", color=colour, capsize=3, label="maximum likelihood, 95 %")  # fmt: skip
     if (~some).any():
         ax.plot(x[~some], low[~some], "^", color=colour, mfc="none", label="no run jammed: T above this, 95 %")  # fmt: skip
