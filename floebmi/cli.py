@@ -542,7 +542,9 @@ class _Several(click.ParamType):
         try:
             return tuple(float(part) for part in parts)
         except ValueError:
-            self.fail(f"{value!r}: must be a number, or numbers with commas between them", param, ctx)
+            self.fail(
+                f"{value!r}: must be a number, or numbers with commas between them", param, ctx
+            )
 
 
 def _experiment_options(kind: str) -> Callable:
@@ -590,6 +592,15 @@ def _ensemble_options(function: Callable) -> Callable:
 @floebmi.group(cls=_Group)
 def experiment() -> None:
     """Repeat the experiments of the paper; several values with commas between them make a sweep."""
+
+
+@experiment.command("table")
+def _table() -> None:
+    """Print every parameter of both experiments, with its source."""
+    from floebmi.experiments import parameters
+
+    for kind in (parameters.Shear, parameters.Strait):
+        click.echo(f"{kind.__name__}: {kind.__doc__}\n{parameters.table(kind)}\n")
 
 
 @experiment.command("shear")
@@ -647,7 +658,9 @@ def _cluster(address: str | None) -> Iterator[Any]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--cluster: needs dask.distributed, pip install 'floebmi[ensemble]'") from None
+        raise InputError(
+            "--cluster: needs dask.distributed, pip install 'floebmi[ensemble]'"
+        ) from None
     try:
         client = Client(address, timeout=10)
     except (OSError, ValueError) as error:

@@ -170,7 +170,9 @@ def gather(
     one = next(iter(done.members.values()))
     dims = (*done.sweep, "seed")
     shape = tuple(len(values) for values in done.sweep.values()) + (len(done.seeds),)
-    data = xr.Dataset(coords={**{k: list(v) for k, v in done.sweep.items()}, "seed": list(done.seeds)})
+    data = xr.Dataset(
+        coords={**{k: list(v) for k, v in done.sweep.items()}, "seed": list(done.seeds)}
+    )
     for name in done.sweep:
         unit, meaning = (units or {}).get(name, ("", ""))
         data[name].attrs = _described(unit, meaning)
@@ -181,7 +183,11 @@ def gather(
         values = np.full((len(points_of(done.sweep)), len(done.seeds), *one[name].shape), np.nan)
         for (p, s), arrays in done.members.items():
             values[p, s] = arrays[name]
-        data[name] = (*dims, *own), values.reshape(*shape, *one[name].shape), _described(unit, meaning)
+        data[name] = (
+            (*dims, *own),
+            values.reshape(*shape, *one[name].shape),
+            _described(unit, meaning),
+        )
     return data
 
 
@@ -366,5 +372,8 @@ def _bar(total: int, initial: int, progress: bool) -> Any:
             super().write(text, file=sys.stderr)
 
     return Bar(
-        total=total, initial=initial, unit=" members", mininterval=0.2 if sys.stderr.isatty() else 5.0
+        total=total,
+        initial=initial,
+        unit=" members",
+        mininterval=0.2 if sys.stderr.isatty() else 5.0,
     )

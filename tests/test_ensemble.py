@@ -41,7 +41,10 @@ def deadly(p, seed):
 
 def tell_threads(p, seed):
     time.sleep(0.2)
-    return {"sum": np.array(float(os.environ["NUMBA_NUM_THREADS"])), "process": np.array(os.getpid())}
+    return {
+        "sum": np.array(float(os.environ["NUMBA_NUM_THREADS"])),
+        "process": np.array(os.getpid()),
+    }
 
 
 def test_members_become_one_data_set_with_a_dimension_for_each_parameter_and_the_seeds(tmp_path):
@@ -56,9 +59,7 @@ def test_members_become_one_data_set_with_a_dimension_for_each_parameter_and_the
 
 def test_processes_give_the_same_as_this_one_with_one_thread_each(tmp_path):
     here = ensemble.run(member, {}, SWEEP, (1,), tmp_path / "here", jobs=1)
-    there = ensemble.run(
-        member, {}, SWEEP, (1,), tmp_path / "there", jobs=2, code=lambda p: p["a"]
-    )
+    there = ensemble.run(member, {}, SWEEP, (1,), tmp_path / "there", jobs=2, code=lambda p: p["a"])
     assert here.members.keys() == there.members.keys()
     for key, arrays in here.members.items():
         assert np.array_equal(arrays["row"], there.members[key]["row"])

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from floebmi.cli import floebmi
 from floebmi.errors import InputError
-from floebmi.experiments import campaign, figures, laws, shear, strait
-from floebmi.experiments.parameters import Shear, Strait, make, rows
+from floebmi.experiments import figures, laws, shear, strait
+from floebmi.experiments.parameters import Shear, Strait, make, rows, table
 from floebmi.grid import Grid
 
 SMALL_SHEAR = {
@@ -47,7 +47,7 @@ def test_each_parameter_has_a_meaning_and_says_where_it_comes_from(kind):
 def test_the_docs_show_the_table_as_it_is():
     text = (Path(__file__).parents[1] / "docs/experiments.md").read_text()
     for kind in (Shear, Strait):
-        assert campaign.table(kind) in text
+        assert table(kind) in text
 
 
 def test_no_friction_and_no_strength_leave_rotation_and_bonds_out():
@@ -88,7 +88,9 @@ def test_the_pack_bears_a_shear_stress_and_moves_less_towards_the_floes_that_sta
     profile = sheared["displacement"]
     seen = profile[np.isfinite(profile)]
     assert seen[0] == 0.0
-    assert seen[-1] == pytest.approx(1.0, rel=1e-6)  # driven floes move with the speed that they are given
+    assert seen[-1] == pytest.approx(
+        1.0, rel=1e-6
+    )  # driven floes move with the speed that they are given
     assert 0.05 < seen[len(seen) // 2] < 0.95
     assert 0 < sheared["shear_stress"] < 20e3
     assert sheared["normal_stress_met"] == pytest.approx(20e3, rel=0.3)
@@ -145,7 +147,9 @@ def test_walls_bound_the_funnel_and_no_floe_starts_beyond_them():
     edge = shape.half_width(line)
     gap = np.hypot(f.x[:, None] - edge, f.y[:, None] - line).min(axis=1)
     east = f.x > 0
-    assert gap[east].max() == pytest.approx(p.wall_radius, rel=0.15)  # they touch the line from behind
+    assert gap[east].max() == pytest.approx(
+        p.wall_radius, rel=0.15
+    )  # they touch the line from behind
     ice = strait.build(p, 1).floes
     moving = ~ice.land
     assert (np.abs(ice.x[moving]) < shape.half_width(ice.y[moving])).all()
@@ -153,7 +157,9 @@ def test_walls_bound_the_funnel_and_no_floe_starts_beyond_them():
 
 def test_a_cohesive_strait_jams_and_its_transport_stays():
     r = strait.member({**SMALL_STRAIT, "friction": 0.0, "tensile_strength": 2e6, "hours": 6.0}, 1)
-    assert 0 < r["flow_start"] <= r["jam_time"] == r["watched_until"] - 120.0  # seen one exchange later
+    assert (
+        0 < r["flow_start"] <= r["jam_time"] == r["watched_until"] - 120.0
+    )  # seen one exchange later
     after = r["transport"][r["time"] >= r["jam_time"]]
     assert len(after) > 3 and np.ptp(after) == 0.0 and after[0] > 0
     assert r["relative_residual"][0] < 1e-12
@@ -239,7 +245,9 @@ def test_shear_saves_stress_against_normal_stress_with_the_fit(cli):
 
 def test_a_figure_is_drawn_from_the_members_of_its_sweep(cli, monkeypatch):
     monkeypatch.setitem(figures.SWEEPS, 7, figures.SWEEPS[7]._replace(values=(0.0, 2e6)))
-    done = cli("strait --figure 7 --width 4000 --funnel 8000 --hours 3 --seeds 2 --jobs 1 --save f7.png")
+    done = cli(
+        "strait --figure 7 --width 4000 --funnel 8000 --hours 3 --seeds 2 --jobs 1 --save f7.png"
+    )
     assert done.exit_code == 0, done.output
     assert Path("f7.png").stat().st_size > 20e3
     with xr.open_dataset("figure-7-cohesive.nc") as data:

@@ -80,7 +80,10 @@ def test_the_line_recovers_friction_and_cohesion_and_covers_them_as_often_as_it_
     for _ in range(1000):
         fit = fit_line(N, 1e3 + 0.25 * N + rng.normal(0, 500.0, N.size))
         inside.append(
-            (fit.friction_low < 0.25 < fit.friction_high, fit.cohesion_low < 1e3 < fit.cohesion_high)
+            (
+                fit.friction_low < 0.25 < fit.friction_high,
+                fit.cohesion_low < 1e3 < fit.cohesion_high,
+            )
         )
     assert np.abs(np.mean(inside, axis=0) - 0.95).max() < 0.025
 

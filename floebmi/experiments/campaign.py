@@ -107,14 +107,6 @@ def run(
     return Made(data, [path], done.failures)
 
 
-def table(kind: type[Experiment]) -> str:
-    """The table of an experiment's parameters, in Markdown."""
-    lines = ["| parameter | value | unit | meaning | source |", "|---|---|---|---|---|"]
-    for name, default, row in rows(kind):
-        lines.append(f"| `{name}` | {_plain(default)} | {row.unit} | {row.meaning} | {row.source} |")
-    return "\n".join(lines)
-
-
 def _fit_shear(data: "xr.Dataset") -> None:
     stress = data.shear_stress.transpose(..., "normal_stress", "seed")
     shape = stress.shape[:-2]

@@ -22,7 +22,6 @@ from floebmi.ensemble import Failure
 from floebmi.errors import InputError
 from floebmi.experiments import campaign, shear, statistics, strait
 from floebmi.experiments.parameters import NORMAL_STRESSES, Experiment, Shear, Strait, make
-from floebmi.floes import FIXED, FIXED_X
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -127,7 +126,9 @@ def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
         chosen = {**laws, **swept, **values}
         extra = [k for k, v in chosen.items() if len(v) > 1 and k not in swept]
         if extra:
-            raise InputError(f"{extra[0]}: figure {number} sweeps {', '.join(swept)}; give one value")
+            raise InputError(
+                f"{extra[0]}: figure {number} sweeps {', '.join(swept)}; give one value"
+            )
         made[model] = campaign.run(kind, chosen, seeds, path, **how)
     data = {model: one.data for model, one in made.items()}
     draw: Callable[..., Figure] = {3: _stresses, 4: _profiles}.get(number, _jamming)
@@ -157,11 +158,19 @@ def _shear_cell(p: Shear, seed: int) -> "Figure":
             _discs(ax, f.x + shift, f.y, f.radius, colours, 1.0)
         chains(ax, cell.model, 1.0)
         ax.axhline(wall, color=plot.INK, lw=2.5)
-        ax.set(title=title, xlabel="x [m]", xlim=(0, cell.length), ylim=(0, 1.12 * wall), aspect="equal")
+        ax.set(
+            title=title,
+            xlabel="x [m]",
+            xlim=(0, cell.length),
+            ylim=(0, 1.12 * wall),
+            aspect="equal",
+        )
         if ax is axes[0]:
             ax.set_ylabel("y [m]")
             cell.model.advance(time)
-    axes[0].text(0.5 * cell.length, 1.04 * wall, f"N = {p.normal_stress / KPA:g} kPa  ↓", ha="center")
+    axes[0].text(
+        0.5 * cell.length, 1.04 * wall, f"N = {p.normal_stress / KPA:g} kPa  ↓", ha="center"
+    )
     axes[1].text(0.5 * cell.length, 1.04 * wall, f"{p.speed:g} m/s  →", ha="center")
     return figure
 
@@ -178,9 +187,7 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
         if np.isfinite(f):
             low, high = one.bulk_friction_bounds.values
             clow, chigh = one.bulk_cohesion_bounds.values / KPA
-            label = (
-                f"{model}: μ_u = {f:.2f} ({low:.2f} … {high:.2f}),\nC = {c:.1f} kPa ({clow:.1f} … {chigh:.1f})"
-            )
+            label = f"{model}: μ_u = {f:.2f} ({low:.2f} … {high:.2f}),\nC = {c:.1f} kPa ({clow:.1f} … {chigh:.1f})"
             line = np.linspace(0, n.max(), 60)
             left.plot(line, c + f * line, color=colour, label=label)
             middle, band = _band(np.repeat(n, each.shape[1]), each.ravel() / KPA, line)
@@ -223,7 +230,12 @@ def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
     from matplotlib.colors import LogNorm
 
     figure, axes = plt.subplots(
-        1, len(data), figsize=(2.6 * len(data), 3.4), layout="constrained", sharey=True, squeeze=False
+        1,
+        len(data),
+        figsize=(2.6 * len(data), 3.4),
+        layout="constrained",
+        sharey=True,
+        squeeze=False,
     )
     stresses = next(iter(data.values())).normal_stress.values / KPA
     norm = LogNorm(0.8 * stresses.min(), 1.25 * stresses.max())
@@ -231,9 +243,13 @@ def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
         for n in one.normal_stress.values:
             mean = one.displacement.sel(normal_stress=n).mean("seed")
             ax.plot(mean, one.layer, color=plt.cm.viridis(norm(n / KPA)))
-        ax.set(title=model, xlabel="displacement over the top's [1]", xlim=(-0.03, 1.03), ylim=(0, 1))
+        ax.set(
+            title=model, xlabel="displacement over the top's [1]", xlim=(-0.03, 1.03), ylim=(0, 1)
+        )
     axes[0, 0].set_ylabel("height over the wall's [1]")
-    bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="normal stress N [kPa]")
+    bar = figure.colorbar(
+        ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="normal stress N [kPa]"
+    )
     bar.set_ticks(stresses, labels=[f"{n:g}" for n in stresses])
     bar.minorticks_off()
     return figure
@@ -265,7 +281,9 @@ def _strait_in_time(p: Strait, seed: int) -> "Figure":
     import matplotlib.pyplot as plt
 
     given = p._asdict()
-    figure, axes = plt.subplots(2, 3, figsize=(8.4, 4.9), layout="constrained", sharex=True, sharey=True)
+    figure, axes = plt.subplots(
+        2, 3, figsize=(8.4, 4.9), layout="constrained", sharex=True, sharey=True
+    )
     for row, (model_name, laws) in zip(axes, TWO.items(), strict=True):
         one = make(Strait, {**given, **{name: v[0] for name, v in laws.items()}})
         model = strait.build(one, seed)
@@ -329,7 +347,8 @@ def chains(ax: "Axes", model: Any, unit: float) -> None:
     width = 2.6 * np.minimum(force / strong, 1.5) if strong > 0 else force
     colours = np.where(c.overlap < 0, "#CC3311", plot.INK)
     ax.add_collection(
-        LineCollection(ends, linewidths=width, colors=colours, zorder=3, capstyle="round"), autolim=False
+        LineCollection(ends, linewidths=width, colors=colours, zorder=3, capstyle="round"),
+        autolim=False,
     )
 
 
@@ -338,14 +357,21 @@ def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
 
     rows = len(data)
     figure, axes = plt.subplots(
-        rows, 3, figsize=(9.2, 2.9 * rows), layout="constrained", squeeze=False, width_ratios=(1, 1, 1)
+        rows,
+        3,
+        figsize=(9.2, 2.9 * rows),
+        layout="constrained",
+        squeeze=False,
+        width_ratios=(1, 1, 1),
     )
     shades = plt.cm.viridis(np.linspace(0.0, 0.9, len(next(iter(data.values()))[sweep.name])))
     for (mass, share, scale), (model, one) in zip(axes, data.items(), strict=True):
         for colour, value in zip(shades, one[sweep.name].values, strict=True):
             at = one.sel({sweep.name: value})
             hours = at.time.values / HOUR
-            mass.plot(hours, at.transport.transpose("time", "seed") / 1e9, color=colour, lw=0.5, alpha=0.5)
+            mass.plot(
+                hours, at.transport.transpose("time", "seed") / 1e9, color=colour, lw=0.5, alpha=0.5
+            )
             mass.plot(hours, at.transport.mean("seed") / 1e9, color=colour, lw=1.8, label=f"{value / sweep.unit:g}")  # fmt: skip
             _survival(share, at, colour)
         _timescales(scale, one, sweep, COLOURS[model])

@@ -6,7 +6,7 @@ it is from the examples of the paper's own code, Granular.jl.  A field is a row 
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 from annotated_types import Ge, Gt, Lt
 
@@ -33,7 +33,9 @@ Share = Annotated[float, Gt(0), Lt(1)]
 Count = Annotated[float, Ge(1)]
 
 FRICTION = Row(
-    "1", "coefficient of friction μ; 0 leaves friction and rotation out", "stated: 0.3, sections 3, 4"
+    "1",
+    "coefficient of friction μ; 0 leaves friction and rotation out",
+    "stated: 0.3, sections 3, 4",
 )
 TENSILE = Row(
     "Pa", "tensile strength σ_c; 0 leaves bonds out", "stated: 0 (frictional) or 200 kPa (cohesive)"
@@ -73,7 +75,9 @@ class Shear(NamedTuple):
     settling_speed: Annotated[Positive, Row("m s-1", "of that water", "chosen: small against elastic waves")] = 2.0  # fmt: skip
     consolidation: Annotated[Positive, Row("s", "time under the wall before the shear", "chosen: the wall has come to rest")] = 150.0  # fmt: skip
     wall_damping: Annotated[NonNegative, Row("1", "of the wall, over the critical damping of the pack as a spring", "chosen: small, for a damped wall that sinks with the pack bears part of N itself")] = 0.1  # fmt: skip
-    duration: Annotated[Positive, Row("s", "time of shear", "chosen: a strain of three quarters")] = 900.0
+    duration: Annotated[
+        Positive, Row("s", "time of shear", "chosen: a strain of three quarters")
+    ] = 900.0
     steady: Annotated[Share, Row("1", "last share of the shear that the means are taken over", "chosen: the stress has levelled off")] = 0.6  # fmt: skip
     interval: Annotated[Positive, Row("s", "between measurements", "chosen: shorter than the wall's swing")] = 2.0  # fmt: skip
     youngs_modulus: Annotated[Positive, YOUNG] = 2e7
@@ -94,7 +98,9 @@ class Strait(NamedTuple):
     radius_max: Annotated[Positive, Row("m", "largest radius", "stated: 1350 m")] = 1350.0
     spread: Annotated[NonNegative, Row("1", "widens the range of radii about its middle by this factor", "chosen: the paper varies the range (Fig. 9)")] = 1.0  # fmt: skip
     exponent: Annotated[float, EXPONENT] = -1.8
-    hours: Annotated[Positive, Row("h", "length of a run, if it does not jam", "chosen: a day")] = 24.0
+    hours: Annotated[Positive, Row("h", "length of a run, if it does not jam", "chosen: a day")] = (
+        24.0
+    )
     slope: Annotated[Positive, Row("1", "of the funnel's walls, along x over along y", "chosen: 45°, near the reference code's 39°")] = 1.0  # fmt: skip
     funnel: Annotated[Positive, Row("m", "length of the funnel", "chosen: holds about a hundred floes")] = 18e3  # fmt: skip
     channel: Annotated[Positive, Row("m", "length of the strait below it", "chosen: two large floes")] = 3e3  # fmt: skip
@@ -124,9 +130,13 @@ def rows(kind: type[Experiment]) -> Iterator[tuple[str, Any, Row]]:
         yield name, default, row
 
 
-def is_word(kind: type[Experiment], name: str) -> bool:
-    """Whether a parameter is a word rather than a number."""
-    return get_origin(get_args(get_type_hints(kind, include_extras=True)[name])[0]) is Literal
+def table(kind: type[Experiment]) -> str:
+    """The table of an experiment's parameters, in Markdown."""
+    lines = ["| parameter | value | unit | meaning | source |", "|---|---|---|---|---|"]
+    for name, default, row in rows(kind):
+        shown = default if isinstance(default, str) else f"{default:g}"
+        lines.append(f"| `{name}` | {shown} | {row.unit} | {row.meaning} | {row.source} |")
+    return "\n".join(lines)
 
 
 def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
@@ -142,7 +152,9 @@ def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
             raise InputError(f"{kind.__name__}.{name}: {choose(name, kind._fields)}")
     made = kind(**values)
     if made.preset not in PRESETS:
-        raise InputError(f"{kind.__name__}.preset = {made.preset!r}: {choose(made.preset, PRESETS)}")
+        raise InputError(
+            f"{kind.__name__}.preset = {made.preset!r}: {choose(made.preset, PRESETS)}"
+        )
     quantities.check([made])
     for name in ("floes",):
         value = getattr(made, name, 1)
@@ -153,7 +165,9 @@ def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
             f"{kind.__name__}.radius_max = {made.radius_max!r}: must be at least radius_min, {made.radius_min!r}"
         )
     if isinstance(made, Strait) and not radii(made)[0] > 0:
-        raise InputError(f"Strait.spread = {made.spread!r}: the smallest radius would not be positive")
+        raise InputError(
+            f"Strait.spread = {made.spread!r}: the smallest radius would not be positive"
+        )
     return made
 
 

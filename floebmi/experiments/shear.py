@@ -98,7 +98,9 @@ def consolidate(p: Shear, seed: int) -> Cell:
     standing = floes.y - floes.radius < p.held
     driven = (floes.y + floes.radius > wall - p.held) & ~standing
     if not driven.any() or not standing.any() or (driven | standing).all():
-        raise InputError(f"Shear.held = {p.held!r}: leaves no floes to shear; smaller, or more height")
+        raise InputError(
+            f"Shear.held = {p.held!r}: leaves no floes to shear; smaller, or more height"
+        )
     floes.motion[standing] = FIXED
     floes.motion[driven] = FIXED_X | FIXED_ROTATION
     floes.u[driven] = p.speed

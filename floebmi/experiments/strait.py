@@ -36,7 +36,9 @@ ACCOUNTS = (
 OUTPUTS = {
     "jam_time": Output((), "s", "time when the last floe left before the strait jammed"),
     "flow_start": Output((), "s", "time when the first floe left"),
-    "watched_until": Output((), "s", "a jam before this time would have been seen; its end less the patience"),
+    "watched_until": Output(
+        (), "s", "a jam before this time would have been seen; its end less the patience"
+    ),
     "transport": Output(("time",), "kg", "mass that has left the strait"),
     "floe_steps": Output((), "1", "floes times steps"),
     **books.OUTPUTS,
@@ -56,6 +58,12 @@ class Geometry(NamedTuple):
         """Distance of the walls from the middle [m]."""
         return 0.5 * self.width + self.slope * np.maximum(y - self.channel, 0.0)
 
+    @property
+    def area(self) -> float:
+        """Area between the walls [m²]."""
+        funnel = self.domain.y[1] - self.channel
+        return self.width * self.channel + (self.width + self.slope * funnel) * funnel
+
 
 def geometry(p: Strait) -> Geometry:
     """Funnel and strait of some parameters."""
@@ -73,7 +81,9 @@ def walls(p: Strait) -> Coast:
     y = np.minimum(along, p.channel) + beyond
     x = 0.5 * p.width + p.slope * beyond
     in_funnel = beyond > 0
-    x += p.wall_radius * np.where(in_funnel, 1.0 / bend, 1.0)  # the floes stand behind the wall's line
+    x += p.wall_radius * np.where(
+        in_funnel, 1.0 / bend, 1.0
+    )  # the floes stand behind the wall's line
     y -= p.wall_radius * np.where(in_funnel, p.slope / bend, 0.0)
     floes = Floes(
         np.concatenate([x, -x]), np.concatenate([y, y]), p.wall_radius, p.thickness, motion=COAST
@@ -106,10 +116,13 @@ def build(p: Strait, seed: int) -> Model:
     """The model at the start of a run."""
     shape, coast = geometry(p), walls(p)
     sizes = PowerLaw(*radii(p), exponent=p.exponent)
-    ice = scatter(shape.domain, sizes, p.concentration, thickness=p.thickness, seed=seed, land=coast)
+    count = round(p.concentration * shape.area / sizes.mean_area())
+    ice = scatter(shape.domain, sizes, count=count, thickness=p.thickness, seed=seed, land=coast)
     above = ice.y - ice.radius > p.channel  # the strait itself is open water at first
     ice = Floes(ice.x[above], ice.y[above], ice.radius[above], p.thickness)
-    cells = [max(1, round((high - low) / p.spacing)) for low, high in (shape.domain.y, shape.domain.x)]
+    cells = [
+        max(1, round((high - low) / p.spacing)) for low, high in (shape.domain.y, shape.domain.x)
+    ]
     grid = Grid.uniform(shape.domain.x, shape.domain.y, shape=tuple(cells))
     water = p.current * p.width / 1.5 / (shape.domain.x[1] - shape.domain.x[0])  # mean at the top
     model = Model(
@@ -157,4 +170,3 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
         "floe_steps": np.array(float(model.counters.floe_steps)),
         **books.books(model, ACCOUNTS),
     }
-
