@@ -30,6 +30,7 @@ Try:
   floebmi explain mine.toml                 what will be modelled, and what it costs
   floebmi run mine.toml --set contact.friction=0.5
   floebmi animate mine/floes.nc             a film of what came out
+  floebmi experiment strait --figure 5      a figure of the paper that floebmi is after
 """
 
 

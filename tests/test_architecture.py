@@ -9,6 +9,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "floebmi"
 FILES = sorted(PACKAGE.glob("*.py"))
+EXPERIMENTS = sorted(
+    (PACKAGE / "experiments").glob("*.py")
+)  # above all of them but the command line
 
 
 def imports_at_the_top(path):
@@ -51,14 +54,20 @@ def test_physics_does_not_know_who_runs_it(below, above):
 
 
 def test_the_package_does_not_import_the_couplings():
-    for path in FILES:
+    for path in [*FILES, *EXPERIMENTS]:
         assert not re.search(r"^\s*(from|import) coupling", path.read_text(), re.MULTILINE), (
             path.name
         )
 
 
-def test_numba_is_set_up_in_kernels_alone():
+def test_nothing_but_the_command_line_knows_the_experiments():
     for path in FILES:
+        if path.stem != "cli":
+            assert not re.search(r"(from|import) floebmi\.experiments", path.read_text()), path.name
+
+
+def test_numba_is_set_up_in_kernels_alone():
+    for path in [*FILES, *EXPERIMENTS]:
         if path.stem != "kernels":
             assert not re.search(r"njit|numba\.jit|prange|numba\.config", path.read_text()), (
                 path.name
@@ -67,7 +76,7 @@ def test_numba_is_set_up_in_kernels_alone():
 
 def test_every_equation_that_is_cited_is_defined_in_the_theory():
     defined = set(re.findall(r"\*\*([a-z0-9-]+)\*\*", (ROOT / "docs/theory.md").read_text()))
-    for path in [*FILES, *sorted((ROOT / "coupling").glob("*.py"))]:
+    for path in [*FILES, *EXPERIMENTS, *sorted((ROOT / "coupling").glob("*.py"))]:
         for group in re.findall(r"\(eqs?\. ([a-z0-9, -]+)\)", path.read_text()):
             for name in re.split(r",\s*", group):
                 assert name in defined, f"{path.name} cites eq. {name}"

@@ -109,7 +109,7 @@ class Strait(NamedTuple):
     wind: Annotated[NonNegative, Row("m s-1", "towards −y", "stated: 30 m/s")] = 30.0
     concentration: Annotated[Share, Row("1", "area of floes over that of the funnel at the start", "chosen: dense, and not yet in contact")] = 0.7  # fmt: skip
     patience: Annotated[Positive, Row("s", "without a floe through the outlet: jammed", "stated: 1 h")] = 3600.0  # fmt: skip
-    exchange: Annotated[Positive, Row("s", "between readings of the current at the floes", "chosen: a floe moves less than a cell")] = 120.0  # fmt: skip
+    exchange: Annotated[Positive, Row("s", "between readings of the current at the floes", "chosen: a floe moves half a cell at most")] = 300.0  # fmt: skip
     spacing: Annotated[Positive, Row("m", "of the grid that carries the current", "chosen: of a floe's size")] = 1000.0  # fmt: skip
     interval: Annotated[Positive, Row("s", "between values of the transport", "chosen")] = 600.0
     youngs_modulus: Annotated[Positive, YOUNG] = 2e7
