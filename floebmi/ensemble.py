@@ -134,12 +134,18 @@ def run(
                 done.members[key] = arrays
             bar.update()
 
-        if on is None and (jobs or _cores()) == 1:
-            for key in left:
-                keep(key, _attempt(*arguments(key)))
-        elif left:
-            for some in _in_waves(left, lambda key: code and code(arguments(key)[1])):
-                _spread(some, arguments, keep, jobs or _cores(), on)
+        try:
+            if on is None and (jobs or _cores()) == 1:
+                for key in left:
+                    keep(key, _attempt(*arguments(key)))
+            elif left:
+                for some in _in_waves(left, lambda key: code and code(arguments(key)[1])):
+                    _spread(some, arguments, keep, jobs or _cores(), on)
+        except KeyboardInterrupt as error:
+            error.add_note(
+                f"{len(done.members)} of {len(names)} members are finished, and will not be run again"
+            )
+            raise
     return done
 
 

@@ -39,6 +39,12 @@ def deadly(p, seed):
     return {"sum": np.array(p["a"] + seed)}
 
 
+def interrupted(p, seed):
+    if p["a"] == 2.0:
+        raise KeyboardInterrupt
+    return {"sum": np.array(p["a"] + seed)}
+
+
 def tell_threads(p, seed):
     time.sleep(0.2)
     return {
@@ -117,6 +123,13 @@ def test_a_member_that_was_cut_short_leaves_nothing_that_looks_finished(tmp_path
     with pytest.raises(InputError, match="not a finished member"):
         ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
     assert not list((tmp_path / "m").glob("*.part"))
+
+
+def test_an_interrupt_stops_it_and_what_is_finished_stays(tmp_path):
+    with pytest.raises(KeyboardInterrupt) as stop:
+        ensemble.run(interrupted, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=1)
+    assert stop.value.__notes__ == ["2 of 4 members are finished, and will not be run again"]
+    assert len(list((tmp_path / "m").glob("*.npz"))) == 2
 
 
 def test_an_ensemble_of_failures_only_makes_no_data_set(tmp_path):

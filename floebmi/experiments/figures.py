@@ -95,8 +95,9 @@ def make_figure(
         raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
     if not to.parent.is_dir():
         raise InputError(f"{to}: there is no folder {to.parent}")
-    with matplotlib.rc_context(plot.style()):
-        if number in (1, 2, 5):
+    maps = number in (1, 2, 5)  # drawn on water; graphs on white
+    with matplotlib.rc_context(plot.style() | ({} if maps else {"axes.facecolor": "white"})):
+        if maps:
             one = _single(kind, values, number)
             figure = {1: _shear_cell, 2: _strait_map, 5: _strait_in_time}[number](one, seeds[0])
             drawn = Drawn(figure, [], [], "")
@@ -205,7 +206,7 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
     left.legend(fontsize=6.5, loc="upper left")
     right.legend(title="mean and spread of seeds", title_fontsize=7)
     left.set_ylim(min(0.0, left.get_ylim()[0]), 1.35 * left.get_ylim()[1])
-    right.set_ylim(0, None)
+    right.set_ylim(0, 1.15 * right.get_ylim()[1])
     return figure
 
 
