@@ -242,6 +242,8 @@ def test_shear_saves_stress_against_normal_stress_with_the_fit(cli):
         assert low < float(data.bulk_friction) < high
         assert set(data.bulk_cohesion_bounds.coords["bound"].values) == {"low", "high"}
         assert (data.inertia_number > 0).all()
+        for draw in (figures._stresses, figures._profiles):
+            draw({"frictional": data}).savefig("figure.png")
 
 
 def test_a_figure_is_drawn_from_the_members_of_its_sweep(cli, monkeypatch):
@@ -270,8 +272,8 @@ def drawn(pictures):
     return all(path.stat().st_size > 15e3 for path in pictures)
 
 
-def test_the_example_draws_set_ups_profiles_and_snapshots(tmp_path):
-    assert drawn(paper().main(tmp_path, seeds=1, jobs=1, numbers=(1, 2, 4, 5), quick=True))
+def test_the_example_draws_the_set_ups(tmp_path):
+    assert drawn(paper().main(tmp_path, seeds=1, jobs=1, numbers=(1, 2), quick=True))
 
 
 @pytest.mark.long
