@@ -187,10 +187,12 @@ def _told_strait(data: "xr.Dataset") -> str:
     for one, words in _each(data, data.jam_time.dims[:-1]):
         low, high = one.jamming_timescale_bounds.values / 3600.0
         n = int(np.isfinite(one.flow_start).sum())
+        shut = one.sizes["seed"] - n
         T = float(one.jamming_timescale) / 3600.0
         fit, spread = float(one.jamming_timescale_fit) / 3600, float(one.jamming_timescale_fit_deviation) / 3600  # fmt: skip
         text = f"T > {low:.3g} h" if np.isinf(T) else f"T = {T:.3g} h ({low:.3g} … {high:.3g})"
         text += "" if np.isnan(fit) else f"; fit as in the paper {fit:.3g} ± {spread:.2g} h"
+        text += f"; {shut} let no floe out or were too short to tell" if shut else ""
         lines.append(f"{words + ': ' if words else ''}{int(one.jammed)} of {n} jammed, {text}")
     return "\n".join([*lines, _told_books(data)])
 
