@@ -254,7 +254,10 @@ class Floes:
 
     def copy(self) -> "Floes":
         """Floes with the same numbers and values that share nothing with these."""
-        return Floes.concatenate([self])
+        floes = Floes.__new__(Floes)
+        floes._n = self._n
+        floes._columns = {name: column[: self._n].copy() for name, column in self._columns.items()}
+        return floes
 
     @staticmethod
     def concatenate(groups: Sequence["Floes"]) -> "Floes":

@@ -97,20 +97,19 @@ def give_back(
     last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
     magnitude, slope : filled with Σ |impulse| [N s/m²] and Σ coefficient [kg m-2 s-1] per cell area
     """
-    for c in range(cell_area.size):
-        last_x[c] = last_y[c] = magnitude[c] = slope[c] = 0.0
+    sums = np.zeros((cell_area.size, 4))  # what a cell gets lies together in memory
     for k in range(start.size - 1):
         x, y = impulse_x[k], impulse_y[k]
         size = np.sqrt(x * x + y * y)
         for e in range(start[k], start[k + 1]):
             c, w = cell[e], weight[e]
-            last_x[c] -= w * x
-            last_y[c] -= w * y
-            magnitude[c] += w * size
-            slope[c] += w * coefficient[k]
+            sums[c, 0] -= w * x
+            sums[c, 1] -= w * y
+            sums[c, 2] += w * size
+            sums[c, 3] += w * coefficient[k]
     for c in range(cell_area.size):
-        magnitude[c] /= cell_area[c]
-        slope[c] /= cell_area[c]
+        last_x[c], last_y[c] = sums[c, 0], sums[c, 1]
+        magnitude[c], slope[c] = sums[c, 2] / cell_area[c], sums[c, 3] / cell_area[c]
         total_x[c] += last_x[c]
         total_y[c] += last_y[c]
 

@@ -291,9 +291,12 @@ class Model:
             self._seen = _Seen(self.floes)
         return self._seen
 
-    def _now(self) -> Advance:
-        """The packed floes with their contact forces, to look at; nothing is counted."""
-        seen = self._look()
+    def _now(self, seen: _Seen | None = None) -> Advance:
+        """The packed floes with their contact forces, to look at; nothing is counted.
+
+        seen : what `_look` has just returned, so as not to look again; so in the methods below
+        """
+        seen = seen or self._look()
         if seen.list is None:
             self._fit_memory()
             advance = Advance(
@@ -333,12 +336,14 @@ class Model:
             return
         self._check_fluids()
         self.floes.check()
+        seen = self._look()
         self._at = self._allocate()
-        weights = self._sample()
+        weights = self._sample(seen)
         known = len(self.floes)
-        advance = self._now()
-        self._book_edits()
-        self._seen.list = None  # the steps use it up, even if they fail
+        advance = self._now(seen)
+        if seen is not self._left:
+            self._book_edits(advance)
+        seen.list = None  # the steps use it up, even if they fail
         advance.run(duration, self._at, self.time)
         self._at = tuple(advance.at)
         self._give_back(weights, known, duration)
@@ -347,11 +352,9 @@ class Model:
         self.time += duration
         self._last_duration = duration
 
-    def _book_edits(self) -> None:
+    def _book_edits(self, now: Advance) -> None:
         """What somebody changed in the floes between two exchanges is an account of its own."""
-        if self._left is self._look():
-            return
-        ledger, stock = self._state.ledger, self._now().stock()
+        ledger, stock = self._state.ledger, now.stock()
         change = stock - ledger.now
         if (np.abs(change) > 1e-11 * np.maximum(np.abs(stock), np.abs(ledger.now))).any():
             ledger.book("edits by the user", *change)
@@ -377,8 +380,10 @@ class Model:
 
         grid : default: the exchange grid
         """
-        grid = self.grid if grid is None else grid
-        areas = self._look().areas
+        return self._areas(self._look(), self.grid if grid is None else grid)
+
+    def _areas(self, seen: _Seen, grid: Grid) -> Coverage:
+        areas = seen.areas
         if id(grid) not in areas:
             f = self.floes
             ice = f.active & ~f.land
@@ -387,18 +392,21 @@ class Model:
 
     def weights(self, grid: Grid) -> Weights:
         """Floe-grid weights at the present places, on one of the model's grids."""
-        weights = self._look().weights
+        return self._weights(self._look(), grid)
+
+    def _weights(self, seen: _Seen, grid: Grid) -> Weights:
+        weights = seen.weights
         if id(grid) not in weights:
             f = self.floes
             if self.sampling == "overlap":
-                weights[id(grid)] = shares(self.coverage(grid), grid.wet)
+                weights[id(grid)] = shares(self._areas(seen, grid), grid.wet)
             else:
                 weights[id(grid)] = floe_weights(
                     grid, f.x, f.y, f.radius, self.sampling, self.domain.period
                 )
         return weights[id(grid)]
 
-    def _sample(self) -> dict[int, Weights]:
+    def _sample(self, seen: _Seen) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
         for force, at in zip(self.forces, self._at, strict=True):
@@ -407,25 +415,22 @@ class Model:
                 continue
             grid = id(fluid.grid)
             if grid not in weights:
-                weights[grid] = self.weights(fluid.grid)
+                weights[grid] = self._weights(seen, fluid.grid)
             w = weights[grid]
             if isinstance(force, CoriolisField):
-                at[PARAMETER] = gather(w, fluid.coriolis)
+                gather(w, fluid.coriolis, out=at[PARAMETER])
                 continue
             if isinstance(force, Tilt):
-                at[FLUID_U], at[FLUID_V] = gather(
-                    w, np.stack([fluid.tilt_x, fluid.tilt_y], axis=1)
-                ).T
+                gather(w, fluid.tilt_x, out=at[FLUID_U])
+                gather(w, fluid.tilt_y, out=at[FLUID_V])
                 continue
-            fields = [fluid.u, fluid.v]
             nowhere = without_cell(w)
             at[RATE, nowhere] = 0.0  # no water, no drag
+            gather(w, fluid.u, out=at[FLUID_U])
+            gather(w, fluid.v, out=at[FLUID_V])
             if len(at) > SPIN_RATE:
-                fields.append(0.5 * fluid.vorticity())
+                gather(w, 0.5 * fluid.vorticity(), out=at[HALF_CURL])
                 at[SPIN_RATE, nowhere] = 0.0
-            rows = (FLUID_U, FLUID_V, HALF_CURL)
-            for row, values in zip(rows, gather(w, np.stack(fields, axis=1)).T, strict=False):
-                at[row] = values
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -441,7 +446,7 @@ class Model:
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             fluid, f = self._fluid_of(force), self.floes
-            speed = np.hypot(at[FLUID_U] - f.u, at[FLUID_V] - f.v)
+            speed = np.sqrt((at[FLUID_U] - f.u) ** 2 + (at[FLUID_V] - f.v) ** 2)
             slip = np.where(f.active, speed * at[RATE] * f.mass(self.ice_density), 0.0)
             w = weights[id(fluid.grid)]
             give_back(

@@ -162,37 +162,38 @@ def _search(x, y, reach, level, period_x, period_y, grids, cell_start, items, st
     size = out_i.size
     for i in range(x.size):
         start[i] = found
+        here_x, here_y, own = x[i], y[i], reach[i]
         for g in range(grids.shape[0]):
             number = int(grids[g, 0])
             if number < level[i]:
                 continue
             # a partner of a wider level is found only from here, one of the same level from the lower index
-            same = number == level[i]
-            s = reach[i] + grids[g, 1]
+            after = i if number == level[i] else -1
+            s = own + grids[g, 1]
             west, south, width_x, width_y = grids[g, 2], grids[g, 3], grids[g, 4], grids[g, 5]
             nx, ny, base = int(grids[g, 6]), int(grids[g, 7]), int(grids[g, 8])
-            cx0, cx1 = _window(x[i] - west, s, width_x, nx, period_x)
-            cy0, cy1 = _window(y[i] - south, s, width_y, ny, period_y)
+            cx0, cx1 = _window(here_x - west, s, width_x, nx, period_x)
+            cy0, cy1 = _window(here_y - south, s, width_y, ny, period_y)
             for cy in range(cy0, cy1 + 1):
                 row = base + nx * (cy + ny if cy < 0 else cy - ny if cy >= ny else cy)
-                for cx in range(cx0, cx1 + 1):
-                    c = row + (cx + nx if cx < 0 else cx - nx if cx >= nx else cx)
-                    for q in range(cell_start[c], cell_start[c + 1]):
+                cx = cx0
+                while cx <= cx1:  # in one go the cells up to a seam, whose floes lie together
+                    seam = -1 if cx < 0 else nx - 1 if cx < nx else 2 * nx - 1
+                    turn = nx if cx < 0 else -nx if cx >= nx else 0
+                    first, cx = row + turn + cx, min(cx1, seam) + 1
+                    for q in range(cell_start[first], cell_start[row + turn + cx]):
                         j = items[q]
-                        if same and j <= i:
-                            continue
-                        dx = x[j] - x[i]
-                        dy = y[j] - y[i]
+                        dx = x[j] - here_x
+                        dy = y[j] - here_y
                         if period_x < np.inf:
                             dx -= period_x * np.rint(dx / period_x)
                         if period_y < np.inf:
                             dy -= period_y * np.rint(dy / period_y)
-                        near = reach[i] + reach[j]
-                        if dx * dx + dy * dy < near * near:
-                            if found < size:
-                                out_i[found] = i
-                                out_j[found] = j
-                            found += 1
+                        near = own + reach[j]
+                        if found < size:  # written in any case: what may touch cannot be foreseen
+                            out_i[found] = i
+                            out_j[found] = j
+                        found += (j > after) & (dx * dx + dy * dy < near * near)
     start[x.size] = found
     return found
 

@@ -285,7 +285,7 @@ def _stiffest(
         if w == 0.0:
             continue
         single = stiffness(law.elastic, floes[k].h, floes[k].h)
-        value = max(largest_eigenvalue(sums[k]), 6.0 * max(1.0, ratio) * single * w)
+        value = max(largest_eigenvalue(sums[k], highest), 6.0 * max(1.0, ratio) * single * w)
         if value > highest:
             highest, which = value, k
         rate = max(rate, sums[k, 6], 2.0 * w * damping(law.dashpot, single, 2.0 * w))
@@ -309,15 +309,17 @@ def add_stiffness(sums, i, w_i, w_j, k_n, k_t, c, nx, ny, arm):
 
 
 @jit
-def largest_eigenvalue(row):
-    """Of the symmetric matrix (xx, yy, θθ; xy, xθ, yθ), by the trigonometric formula."""
+def largest_eigenvalue(row, floor):
+    """Of the symmetric matrix (xx, yy, θθ; xy, xθ, yθ), by the trigonometric formula; at least `floor`."""
     xx, yy, xy, xt, yt, tt = row[0], row[1], row[2], row[3], row[4], row[5]
     mean = (xx + yy + tt) / 3.0
     a, b, c = xx - mean, yy - mean, tt - mean
     p2 = (a * a + b * b + c * c + 2.0 * (xy * xy + xt * xt + yt * yt)) / 6.0
+    p = np.sqrt(p2)
+    if mean + 2.0 * p <= floor:  # of most floes no more need be known
+        return floor
     if p2 <= 0.0:
         return mean
-    p = np.sqrt(p2)
     determinant = a * (b * c - yt * yt) - xy * (xy * c - yt * xt) + xt * (xy * yt - b * xt)
     r = min(max(determinant / (2.0 * p2 * p), -1.0), 1.0)
     return mean + 2.0 * p * np.cos(np.arccos(r) / 3.0)
@@ -363,6 +365,9 @@ def _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
         nx, ny = dx / distance, dy / distance
         gap = distance - (one.r + other.r)
         was_bonded, was_slip = recall(bonded, p), recall(slip, p)
+        if gap >= 0.0 and was_bonded == 0.0:
+            rows[p, 0] = rows[p, 9] = 0.0
+            continue
         f = pair_force(
             law, gap, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0, was_slip, was_bonded, 0.0, 0.0
         )

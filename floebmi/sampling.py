@@ -190,10 +190,10 @@ def _in_wet(start, cell, area, wet, wet_start, wet_cell, weight):
 def _gather(start, cell, weight, field, out):
     for k in range(start.size - 1):
         for q in range(field.shape[1]):
-            out[k, q] = 0.0
-        for m in range(start[k], start[k + 1]):
-            for q in range(field.shape[1]):
-                out[k, q] += weight[m] * field[cell[m], q]
+            total = 0.0
+            for m in range(start[k], start[k + 1]):
+                total += weight[m] * field[cell[m], q]
+            out[k, q] = total
 
 
 @jit
