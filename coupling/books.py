@@ -91,8 +91,13 @@ class Books:
     # ---- state and faults ---------------------------------------------------------------------------
 
     @contextmanager
-    def unchanged_on_failure(self, rescue: str | Path | None) -> Iterator[None]:
-        """What fails in here leaves the model as it was; its state is saved, and the one line says where."""
+    def unchanged_on_failure(
+        self, rescue: str | Path | None, more: Mapping[str, Any] | None = None
+    ) -> Iterator[None]:
+        """What fails in here leaves the model as it was; its state is saved, and the one line says where.
+
+        `more` is of the host's side, as for `save`; only one who also puts his own side back may give it.
+        """
         model = self._model
         before = {
             name: value.copy() if isinstance(value, np.ndarray) else value
@@ -104,7 +109,7 @@ class Books:
             model.restore(before)
             place = f"floes at {model.time:g} s"
             if rescue is not None:
-                self.save(rescue)
+                self.save(rescue, more)
                 place += f", their state saved in {rescue}"
             text = f"{str(error).splitlines()[0] if str(error) else type(error).__name__}; {place}"
             kind = type(error) if isinstance(error, InputError | StabilityError) else RuntimeError
