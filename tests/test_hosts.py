@@ -115,3 +115,112 @@ def test_a_host_that_fails_leaves_a_line_and_a_state_from_which_the_run_goes_on(
     assert again.model.time == 600.0
     again.exchange(1200.0)
     equal(again, whole)
+
+
+# ---- Veros --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def veros():
+    pytest.importorskip("veros", reason="the extra `veros` is not installed")
+    return example("veros_fram_strait")
+
+
+@pytest.fixture(scope="module")
+def channel(veros, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("veros")
+    found = veros.main(folder, 0.25, True, size=12, radius=(5e3, 9e3), show=False)
+    assert (folder / "veros-channel.png").stat().st_size > 30_000
+    return found
+
+
+def test_momentum_closes_on_the_faces_of_veros_and_in_its_own_velocities(channel):
+    assert channel.worst <= 1e-12
+    assert channel.momentum <= 1e-12
+    assert all(line.undelivered.tolist() == [0.0, 0.0] for line in channel.ledger)
+    assert channel.ledger[-1].to_host[0] > 0  # the wind's push, handed on by the ice
+
+
+def test_veros_without_ice_is_veros_alone(channel):
+    assert channel.same <= 1e-15
+
+
+def fram(veros, tmp_path, **options):
+    ocean = veros.Ocean(
+        12,
+        900.0,
+        make_ice=veros.make_ice((8e3, 14e3), 0.6, False),
+        rescue=tmp_path / "ice.nc",
+        **options,
+    )
+    ocean.setup()
+    return ocean
+
+
+def test_the_ledger_closes_at_the_coasts_of_fram_strait_and_fractions_are_blended_once(
+    veros, tmp_path
+):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    for _ in range(8):
+        ocean.step(ocean.state)
+    assert max(line.relative for line in ice.ledger) <= 1e-12
+    assert not ice.model.grid.wet.all()
+    inner = (slice(2, -2), slice(2, -2))
+    tau, area = np.asarray(vs.surface_tauy)[inner], np.asarray(vs.area_v)[inner]
+    mask = np.asarray(vs.maskV)[..., -1][inner]
+    wind = np.asarray(ocean.wind[1])[inner]
+    fraction = ice.fraction.T
+    beside = 0.5 * (fraction + np.roll(fraction, -1, axis=1))
+    expected = ((1 - beside) * wind * area * mask).sum() + ice.ledger[-1].to_host[1] / 3600.0
+    assert (tau * area * mask).sum() == pytest.approx(expected, rel=1e-12)
+    twice = ((1 - beside) ** 2 * wind * area * mask).sum() + ice.ledger[-1].to_host[1] / 3600.0
+    assert abs(twice - expected) > 1e-2 * abs(
+        expected
+    )  # the blend of the step before, blended again
+    open_water = np.asarray(vs.forc_tke_surface)[inner][(fraction == 0) & (ice.model.grid.wet.reshape(12, 12).T)]  # fmt: skip
+    assert open_water.max() > 0
+
+
+def test_a_clock_of_veros_that_goes_back_and_a_current_that_is_nan_are_refused(veros, tmp_path):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    for _ in range(4):
+        ocean.step(ocean.state)
+    place = f"floes at 3600 s, their state saved in {tmp_path / 'ice.nc'}"
+    with vs.unlock():
+        good = vs.u
+        vs.u = np.where(np.ones_like(good, bool), np.nan, good)
+        with pytest.raises(InputError, match="value nan on open point") as caught:
+            ice.force(ocean.state, *ocean.wind)
+        assert str(caught.value).endswith(place)
+        vs.u = good
+        was, vs.time = vs.time, vs.time - 4500.0
+        with pytest.raises(InputError, match="a clock went back or jumped") as caught:
+            ice.force(ocean.state, *ocean.wind)
+        assert str(caught.value).endswith(place)
+        vs.time = was
+    ocean.step(ocean.state)
+    assert ice.model.time == 7200.0
+
+
+def test_ice_on_veros_goes_on_from_its_file(veros, tmp_path):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    for _ in range(6):
+        ocean.step(ocean.state)
+    ice.save_state(tmp_path / "saved.nc")
+    again = fram(veros, tmp_path).ice
+    again.load_state(tmp_path / "saved.nc")
+    with vs.unlock():
+        for now in (5400.0, 7200.0):  # in the exchange under way, and at the next one
+            vs.time = now
+            for one in (ice, again):
+                one.force(ocean.state, *ocean.wind)
+                written = np.array(vs.surface_taux), np.array(vs.forc_tke_surface)
+                if one is ice:
+                    expected = written
+            for values, right in zip(written, expected, strict=True):
+                np.testing.assert_array_equal(values, right)
+    assert again.model.time == ice.model.time == 10800.0
+    np.testing.assert_array_equal(again.model.floes.x, ice.model.floes.x)
