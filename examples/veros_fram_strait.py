@@ -86,7 +86,7 @@ class Ocean(VerosSetup):
         settings.kappaM_min, settings.kappaH_min = 2e-4, 2e-5
         settings.enable_kappaH_profile = False
         settings.eq_of_state_type = 3
-        settings.enable_superbee_advection = True
+        settings.enable_hor_diffusion, settings.K_h = True, 500.0
 
     @veros_routine
     def set_grid(self, state):

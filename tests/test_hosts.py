@@ -1,8 +1,15 @@
 """Real hosts, both ways: what one loses the other gains, on the host's own faces and masks."""
 
+import glob
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
-from test_examples import example
+from test_examples import ROOT, example
 
 from floebmi.errors import InputError
 
@@ -224,3 +231,57 @@ def test_ice_on_veros_goes_on_from_its_file(veros, tmp_path):
                 np.testing.assert_array_equal(values, right)
     assert again.model.time == ice.model.time == 10800.0
     np.testing.assert_array_equal(again.model.floes.x, ice.model.floes.x)
+
+
+# ---- YAC ----------------------------------------------------------------------------------------------
+
+MPI = glob.glob(sys.prefix + "/lib/libmpi.so.40")
+with_yac = pytest.mark.skipif(
+    importlib.util.find_spec("yac") is None or not MPI,
+    reason="the extra `yac` (YAC and Open MPI) is not installed",
+)
+
+
+def in_its_own_process(*command):
+    """YAC ends the process on an error, and MPI starts once: never in the process of the tests."""
+    environment = os.environ | {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": str(ROOT),
+    }  # fmt: skip
+    done = subprocess.run(
+        [str(word) for word in command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@with_yac
+def test_through_yac_the_ocean_gets_the_force_that_the_floes_felt(tmp_path):
+    script = ROOT / "examples" / "yac_coupler.py"
+    in_its_own_process(sys.executable, script, "--folder", tmp_path)
+    found = example("yac_coupler").compare(tmp_path)
+    assert found["difference"] <= 1e-9
+    assert found["force"] > 1e7
+
+
+@with_yac
+@pytest.mark.long
+def test_through_yac_in_two_processes_as_well(tmp_path):
+    script, mpirun = ROOT / "examples" / "yac_coupler.py", Path(sys.prefix) / "bin" / "mpirun"
+    command = (mpirun, "--oversubscribe", "-n", "2", sys.executable, script, "--folder", tmp_path)
+    in_its_own_process(*command)
+    assert example("yac_coupler").compare(tmp_path)["difference"] <= 1e-9
+
+
+# ---- another process, through gRPC --------------------------------------------------------------------
+
+
+def test_a_host_in_another_process_gets_the_numbers_of_a_host_in_the_same(tmp_path):
+    pytest.importorskip("grpc4bmi", reason="the extra `grpc` is not installed")
+    found = example("two_processes").main(tmp_path, hours=0.5)
+    assert found.same
+    assert found.worst <= 1e-12
+    assert "must be finite" in found.refusal and "\n" not in found.refusal
