@@ -357,7 +357,7 @@ def look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
 
 @dispatched
 def _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
-    rows = np.empty((pair_i.size, 10))
+    rows = np.zeros((pair_i.size, 10))
     for p in range(pair_i.size):
         one, other = floes[pair_i[p]], floes[pair_j[p]]
         dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
@@ -366,7 +366,6 @@ def _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
         gap = distance - (one.r + other.r)
         was_bonded, was_slip = recall(bonded, p), recall(slip, p)
         if gap >= 0.0 and was_bonded == 0.0:
-            rows[p, 0] = rows[p, 9] = 0.0
             continue
         f = pair_force(
             law, gap, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0, was_slip, was_bonded, 0.0, 0.0

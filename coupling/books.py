@@ -1,0 +1,138 @@
+"""The ledger of an exchange between a `Model` and a host in the same process, line by line.
+
+`coupling.driver` keeps the same books of two BMI models.  Where the host's code calls the ice itself (Landlab, Veros,
+shallowwater) the exchange looks like this:
+
+    books.open()
+    model.advance(duration)
+    line = books.close(to_host=…, undelivered=…)     # as the host counts it, on its own faces and masks
+
+and the line says, per axis [N s],
+
+    from host + to host + undelivered = 0        what the ice took from its cells, the host got in its own  (a residual)
+    floes − from host − other + no water = 0     what the ice gained, somebody gave                         (a residual)
+
+`other` is wind, walls, coast, Coriolis …; `no water` is of floes that lie beyond all wet cells.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from coupling.driver import Exchange
+from floebmi.errors import InputError, StabilityError
+from floebmi.model import Model
+from floebmi.output import load_restart, save_restart
+
+
+@final
+class Books:
+    """Books of a model's exchanges with one host.
+
+    Attributes
+    ----------
+    last : the line of the last exchange, None before the first
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._turnover, self._number = 0.0, 0
+        self.last: Exchange | None = None
+
+    def open(self) -> None:
+        """Before the ice is advanced."""
+        self._before = self._totals()
+        self._start = self._model.time
+
+    def close(
+        self, to_host: np.ndarray, undelivered: np.ndarray, host: np.ndarray | None = None
+    ) -> Exchange:
+        """After it; the line of this exchange.
+
+        Parameters
+        ----------
+        to_host : (x, y) Σ A τ Δt over the host's own cells or faces [N s]
+        undelivered : (x, y) of the impulse on the ice's wet cells, what found no place in the host [N s]
+        host : (x, y) change of the host's own momentum [N s], where it is known
+        """
+        model, after = self._model, self._totals()
+        momentum, other, nowhere = after - self._before
+        given = np.zeros(2)
+        if model.ocean is not None:
+            given[:] = model.ocean.last_x.sum(), model.ocean.last_y.sum()
+            self._turnover += float(np.abs([model.ocean.last_x, model.ocean.last_y]).sum())
+        self._number += 1
+        self.last = Exchange(
+            number=self._number,
+            time=model.time,
+            duration=model.time - self._start,
+            from_host=-given,
+            to_host=to_host,
+            undelivered=undelivered,
+            exchange_residual=to_host + undelivered - given,
+            floes=momentum,
+            other=other,
+            budget_residual=momentum + given + nowhere - other,
+            host=host,
+            turnover=self._turnover,
+        )
+        return self.last
+
+    def _totals(self) -> np.ndarray:
+        """Momentum of the ice, what all but the water gave to it, what found no water: rows of (x, y)."""
+        model = self._model
+        other = [row[1:3] for name, row in model.ledger.accounts.items() if name != "ocean drag"]
+        nowhere = np.zeros(2) if model.ocean is None else model.ocean.undelivered
+        return np.array([model.ledger.now[1:3], np.sum([np.zeros(2), *other], axis=0), nowhere])
+
+    # ---- state and faults ---------------------------------------------------------------------------
+
+    @contextmanager
+    def unchanged_on_failure(
+        self, rescue: str | Path | None, more: Mapping[str, Any] | None = None
+    ) -> Iterator[None]:
+        """What fails in here leaves the model as it was; its state is saved, and the one line says where.
+
+        `more` is of the host's side, as for `save`; only one who also puts his own side back may give it.
+        """
+        model = self._model
+        before = {
+            name: value.copy() if isinstance(value, np.ndarray) else value
+            for name, value in model.state().items()
+        }
+        try:
+            yield
+        except Exception as error:
+            model.restore(before)
+            place = f"floes at {model.time:g} s"
+            if rescue is not None:
+                self.save(rescue, more)
+                place += f", their state saved in {rescue}"
+            text = f"{str(error).splitlines()[0] if str(error) else type(error).__name__}; {place}"
+            kind = type(error) if isinstance(error, InputError | StabilityError) else RuntimeError
+            raise kind(text) from error
+
+    def save(self, path: str | Path, more: Mapping[str, Any] | None = None) -> None:
+        """Save the model and these books, and `more` of the host's side."""
+        books = {"turnover": self._turnover, "number": self._number}
+        state = {"model": self._model.state(), "books": books, "host": dict(more or {})}
+        save_restart(path, state, {"time": self._model.time})
+
+    def load(self, path: str | Path) -> dict[str, Any]:
+        """Go on from a state that `save` wrote; returns what it was given as `more`.
+
+        Raises
+        ------
+        InputError
+            for a file of another kind, or a state that does not fit the model.
+        """
+        state, _ = load_restart(path)
+        if set(state) != {"model", "books", "host"}:
+            raise InputError(f"{path}: not a state of a model that is coupled in one process")
+        self._model.restore(state["model"])
+        self._turnover = float(state["books"]["turnover"])
+        self._number = int(state["books"]["number"])
+        return state["host"]

@@ -1,0 +1,367 @@
+"""Veros and floes, both ways: a box like Fram Strait, or a channel; nothing is downloaded.
+
+The box is 400 km wide and long, with Greenland in the west, Svalbard in the east and shelves along both; ice comes
+from the north under a northerly wind.  The channel is periodic, its bottom is flat and without friction, and it does not
+rotate: nothing but the surface stress changes the ocean's momentum along it, and Veros' own velocities can be held
+against it.
+
+    python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel]
+
+makes the run twice, with the ocean feeling the ice and without, and a third one of the ocean alone, each with Veros'
+progress bar; prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from veros import runtime_settings
+
+runtime_settings.backend = "numpy"  # before anything else of Veros
+runtime_settings.loglevel = "error"
+
+from veros import VerosSetup, veros_routine  # noqa: E402
+
+import floebmi as fb  # noqa: E402
+from coupling.driver import HEADER, Exchange  # noqa: E402
+from coupling.veros import SeaIce, Seconds, surface_cells  # noqa: E402
+from floebmi.coast import Coast, from_land_fraction  # noqa: E402
+from floebmi.forces import DRAG_PRESETS  # noqa: E402
+
+SPACING = 10e3  # [m]
+CORIOLIS = 1.43e-4  # at 79° N [1/s]
+WIND = {False: (1.0, -7.0), True: (7.0, 0.0)}  # in the box, in the channel [m/s]
+DRAG = 1.3 * 1.3e-3  # ρ C_d of open water under the wind [kg m-3]
+LAYERS = np.array([500, 400, 300, 220, 150, 100, 60, 35, 20, 15], float)  # from the bottom [m]
+SURFACE = LAYERS[-1]
+
+MakeIce = Callable[[fb.Grid, float], fb.Model]
+
+
+def land(x: np.ndarray, y: np.ndarray, length: float) -> np.ndarray:
+    """Greenland and Svalbard: 1 on land, 0 in the strait."""
+    west = 0.17 + 0.06 * np.cos(np.pi * y / length)
+    east = 0.83 + 0.08 * np.abs(y / length - 0.55)
+    return ((x / length < west) | ((x / length > east) & (y / length > 0.3))).astype(float)
+
+
+class Ocean(VerosSetup):
+    """A box or a channel under a steady wind, stratified by temperature, with ice if `make_ice` is given."""
+
+    def __init__(
+        self, size: int, step: float, channel: bool = False, make_ice: MakeIce | None = None,
+        two_way: bool = True, every: float = 3600.0, rescue: Path | None = None,
+    ) -> None:  # fmt: skip
+        self.size, self.time_step, self.channel = size, step, channel
+        self.make_ice, self.two_way, self.every, self.rescue = make_ice, two_way, every, rescue
+        self.ice: SeaIce | None = None
+        self.momentum_in = np.zeros(2)  # surface stress as Veros' time scheme weighs it [N s]
+        self._last = np.zeros(2)
+        self.currents: list[tuple[np.ndarray, np.ndarray]] = []  # of the last day, at the surface
+        super().__init__()
+
+    @veros_routine
+    def set_parameter(self, state):
+        settings = state.settings
+        settings.identifier = "floebmi"
+        settings.nx, settings.ny, settings.nz = self.size, self.size, LAYERS.size
+        settings.dt_mom = settings.dt_tracer = self.time_step
+        settings.runlen = self.time_step
+        settings.restart_output_filename = ""
+        settings.coord_degree = False
+        settings.enable_cyclic_x = self.channel
+        settings.enable_streamfunction = False
+        settings.enable_implicit_vert_friction = True
+        settings.enable_hor_friction = True
+        settings.A_h = 2000.0
+        settings.enable_bottom_friction = not self.channel
+        settings.r_bot = 1e-5
+        settings.enable_tke = True
+        settings.c_k, settings.c_eps, settings.alpha_tke = 0.1, 0.7, 30.0
+        settings.mxl_min, settings.tke_mxl_choice = 1e-8, 2
+        settings.kappaM_min, settings.kappaH_min = 2e-4, 2e-5
+        settings.enable_kappaH_profile = False
+        settings.eq_of_state_type = 3
+        settings.enable_hor_diffusion, settings.K_h = True, 500.0
+
+    @veros_routine
+    def set_grid(self, state):
+        vs = state.variables
+        side = self.spacing
+        vs.dxt = np.full_like(vs.dxt, side)
+        vs.dyt = np.full_like(vs.dyt, side)
+        vs.dzt = LAYERS.copy()
+
+    @property
+    def spacing(self) -> float:
+        return 40 * SPACING / self.size
+
+    @veros_routine
+    def set_coriolis(self, state):
+        vs = state.variables
+        vs.coriolis_t = np.full_like(vs.coriolis_t, 0.0 if self.channel else CORIOLIS)
+
+    @veros_routine
+    def set_topography(self, state):
+        vs = state.variables
+        x, y = np.meshgrid(vs.xt, vs.yt, indexing="ij")
+        bottom = np.ones(x.shape, int)
+        if not self.channel:
+            length = 40 * SPACING
+            dry = land(x, y, length) > 0
+            near = sum(land(x + dx, y, length) for dx in (-4e4, -2e4, 2e4, 4e4))  # shelves
+            bottom = np.where(dry, 0, np.where(near > 0, 4 + near.astype(int), 1))
+        vs.kbot = bottom.astype(vs.kbot.dtype)
+
+    @veros_routine
+    def set_initial_conditions(self, state):
+        vs = state.variables
+        cold = -1.5 + 3.0 * (
+            1 - np.exp(vs.zt / 300.0)
+        )  # warmer below: weak, with salt that holds it down
+        salt = 34.9 - 1.0 * np.exp(vs.zt / 100.0) - 0.6 * np.exp(vs.zt / 800.0)
+        vs.temp = np.broadcast_to((cold * vs.maskT)[..., None], vs.temp.shape).copy()
+        vs.salt = np.broadcast_to((salt * vs.maskT)[..., None], vs.salt.shape).copy()
+        stress = DRAG * np.hypot(*WIND[self.channel]) * np.array(WIND[self.channel])
+        self.wind = [
+            stress[0] * np.asarray(vs.maskU[..., -1], float),
+            stress[1] * np.asarray(vs.maskV[..., -1], float),
+        ]
+        if self.make_ice is not None:
+            model = self.make_ice(surface_cells(state), self.spacing)
+            self.ice = SeaIce(state, model, self.every, self.two_way, self.rescue)
+
+    @veros_routine
+    def set_forcing(self, state):
+        vs, settings = state.variables, state.settings
+        if self.ice is not None:
+            self.ice.force(state, *self.wind)
+            return
+        vs.surface_taux, vs.surface_tauy = (tau.copy() for tau in self.wind)
+        inner, before = slice(2, -2), slice(1, -3)
+        magnitude = np.hypot(
+            0.5 * (vs.surface_taux[inner, inner] + vs.surface_taux[before, inner]),
+            0.5 * (vs.surface_tauy[inner, inner] + vs.surface_tauy[inner, before]),
+        )
+        tke = np.array(vs.forc_tke_surface)
+        tke[inner, inner] = (magnitude / settings.rho_0) ** 1.5
+        vs.forc_tke_surface = tke
+
+    @veros_routine
+    def after_timestep(self, state):
+        vs, settings = state.variables, state.settings
+        inner = (slice(2, -2), slice(2, -2))
+        force = np.array(
+            [
+                (tau * mask[..., -1] * area)[inner].sum()
+                for tau, mask, area in (
+                    (vs.surface_taux, vs.maskU, vs.area_u), (vs.surface_tauy, vs.maskV, vs.area_v)
+                )
+            ]
+        )  # fmt: skip
+        ab = 0.5 + settings.AB_eps
+        self.momentum_in += float(settings.dt_mom) * ((1 + ab) * force - ab * self._last)
+        self._last = force
+        if vs.time > settings.runlen - 86400.0:
+            self.currents.append(tuple(np.array(u[..., -1, vs.tau]) for u in (vs.u, vs.v)))
+
+    @veros_routine
+    def set_diagnostics(self, state):
+        state.diagnostics.clear()
+
+    def momentum(self) -> np.ndarray:
+        """Of the ocean along x and y [N s]; after a step its newest velocity is at `tau`."""
+        vs, inner = self.state.variables, (slice(2, -2), slice(2, -2))
+        return self.state.settings.rho_0 * np.array(
+            [
+                (u[..., vs.tau] * mask * area[..., None] * vs.dzt)[inner].sum()
+                for u, mask, area in ((vs.u, vs.maskU, vs.area_u), (vs.v, vs.maskV, vs.area_v))
+            ]
+        )
+
+    def go(self, days: float, show: bool) -> "Ocean":
+        """Set up and run with Veros' own progress bar."""
+        self.setup()
+        with self.state.settings.unlock():
+            self.state.settings.runlen = days * 86400.0
+        self.run(show_progress_bar=show)
+        return self
+
+
+def make_ice(
+    radius: tuple[float, float], concentration: float, channel: bool, seed: int = 3
+) -> MakeIce:
+    """Floes at rest in the north of the box, or in the middle of the channel, and the coast of the box."""
+
+    def made(grid: fb.Grid, spacing: float) -> fb.Model:
+        west, east, south, north = grid.bounds
+        word = "periodic" if channel else "closed"
+        domain = fb.Domain((west, east), (south, north), word, word, "closed", "closed")
+        coast: Coast | None = None
+        floes = fb.Floes([], [], [], [])
+        if not channel:
+            rows = np.linspace(0, east, 161)
+            coast = from_land_fraction(rows, rows, land(*np.meshgrid(rows, rows), east), radius[0])
+            inside = (coast.floes.x - west > coast.floes.radius) & (east - coast.floes.x > coast.floes.radius)  # fmt: skip
+            inside &= (coast.floes.y - south > coast.floes.radius) & (north - coast.floes.y > coast.floes.radius)  # fmt: skip
+            coast = coast._replace(floes=_taken(coast.floes, inside))
+        if concentration > 0:
+            ice = np.where(
+                grid.wet & (grid.y > (0.25 if channel else 0.45) * north), concentration, 0.0
+            )
+            if channel:
+                ice[grid.y > 0.75 * north] = 0.0
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # what found no room beside the coast
+                floes = fb.from_field(
+                    grid, ice, 1.5, fb.UniformSize(*radius), domain=domain, seed=seed, land=coast
+                )
+        if coast is not None:
+            floes = fb.Floes.concatenate([floes, coast.floes])
+        ocean, air = DRAG_PRESETS["constant-cd"]
+        forces = [ocean, air, fb.CoriolisField(), fb.Tilt()]
+        model = fb.Model(
+            domain,
+            floes,
+            contact=fb.frictional(youngs_modulus=1e6),
+            forces=forces,
+            grid=grid,
+            seed=seed,
+        )
+        model.atmosphere.u[:], model.atmosphere.v[:] = WIND[channel]
+        return model
+
+    return made
+
+
+def _taken(floes: fb.Floes, keep: np.ndarray) -> fb.Floes:
+    names = ("x", "y", "radius", "thickness", "u", "v", "motion")
+    return fb.Floes(**{name: getattr(floes, name)[keep] for name in names})
+
+
+class Found(NamedTuple):
+    """worst : largest residual of the ledger over the impulse exchanged; same : ocean without ice = ocean alone;
+    momentum : in the channel, what Veros' own momentum along x is off, over what was put in; wall clock in seconds."""
+
+    worst: float
+    momentum: float
+    same: float
+    ledger: list[Exchange]
+    seconds: Seconds
+    ocean: float
+    floes: int
+
+
+def main(
+    folder: Path, days: float = 7.0, channel: bool = False, size: int = 40, step: float = 900.0,
+    radius: tuple[float, float] = (1.8e3, 4e3), concentration: float = 0.75, show: bool = True,
+) -> Found:  # fmt: skip
+    """Two-way, one-way, ocean alone and ocean with an empty ice model; the ledger, the figure."""
+    folder.mkdir(parents=True, exist_ok=True)
+    maker = make_ice(radius, concentration, channel)
+    began = time.perf_counter()
+    both = Ocean(size, step, channel, maker).go(days, show)
+    took = time.perf_counter() - began
+    one = Ocean(size, step, channel, maker, two_way=False).go(days, show)
+    short = min(days, 0.25)
+    alone = Ocean(size, step, channel).go(short, False)
+    empty = Ocean(size, step, channel, make_ice(radius, 0.0, channel)).go(short, False)
+    a, b = alone.state.variables, empty.state.variables
+    same = max(
+        float(np.abs(np.asarray(getattr(a, n)) - np.asarray(getattr(b, n))).max())
+        for n in ("u", "v", "temp")
+    )
+    ice = both.ice
+    print(HEADER)
+    for line in ice.ledger[-3:]:
+        print(line)
+    ocean = took - sum(ice.seconds)
+    moving = int((ice.model.floes.active & ~ice.model.floes.land).sum())
+    print(
+        f"{moving} floes, {days:g} days in {took:.1f} s: ocean {ocean:.1f}, floes {ice.seconds.ice:.1f},"
+        f" coupling {ice.seconds.coupling:.2f} s ({ice.seconds.coupling / took:.1%})"
+    )
+    _draw(folder / f"veros-{'channel' if channel else 'fram-strait'}.png", both, one, days)
+    momentum = float(abs(both.momentum()[0] - both.momentum_in[0]) / np.abs(both.momentum_in).sum())
+    return Found(
+        max(line.relative for line in ice.ledger),
+        momentum,
+        same,
+        ice.ledger,
+        ice.seconds,
+        ocean,
+        moving,
+    )
+
+
+def _draw(path: Path, both: Ocean, one: Ocean, days: float) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import EllipseCollection
+
+    figure, panels = plt.subplots(1, 3, figsize=(15, 4.6), sharey=True, layout="constrained")
+    speeds = []
+    for run in (both, one):
+        speeds.append(run.ice.at_cells(*np.mean(run.currents, axis=0)))
+    grid = both.ice.model.grid
+    shape, wet = grid.shape, grid.wet.reshape(grid.shape)
+    x, y = grid.x_edges / 1e3, grid.y_edges / 1e3
+    fastest = max(np.hypot(*pair).max() for pair in speeds)
+    for panel, run, (u, v), title in zip(
+        panels,
+        (both, one),
+        speeds,
+        ("both ways", "one way: the ocean does not feel the ice"),
+        strict=False,
+    ):
+        speed = np.where(wet, np.hypot(u, v).reshape(shape), np.nan)
+        panel.set_facecolor("#8c6d46")
+        sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap="viridis", rasterized=True)
+        step = max(1, shape[0] // 16)
+        panel.quiver(
+            grid.x.reshape(shape)[::step, ::step] / 1e3, grid.y.reshape(shape)[::step, ::step] / 1e3,
+            u.reshape(shape)[::step, ::step], v.reshape(shape)[::step, ::step], color="white", scale=16 * fastest,
+        )  # fmt: skip
+        floes = run.ice.model.floes
+        ice = floes.active & ~floes.land
+        diameter = 2 * floes.radius[ice] / 1e3
+        panel.add_collection(
+            EllipseCollection(
+                diameter, diameter, 0 * diameter, units="xy", transOffset=panel.transData,
+                offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="white", lw=0.4, alpha=0.7,
+            )
+        )  # fmt: skip
+        panel.set(title=title, xlabel="x [km]", aspect="equal")
+    difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
+    difference = np.where(wet, difference.reshape(shape), np.nan)
+    most = np.nanmax(np.abs(difference))
+    panels[2].set_facecolor("#8c6d46")
+    change = panels[2].pcolormesh(
+        x, y, difference, cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True
+    )
+    panels[2].set(title="both ways − one way", xlabel="x [km]", aspect="equal")
+    panels[0].set_ylabel("y [km]")
+    figure.colorbar(
+        sea, ax=panels[1], label="mean surface current of the last day [m/s]", aspect=30
+    )
+    figure.colorbar(change, ax=panels[2], label="[m/s]", aspect=30)
+    figure.suptitle(f"Veros and floes after {days:g} days of wind")
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    words = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    words.add_argument("--folder", type=Path, default=Path("veros-fram-strait"))
+    words.add_argument("--days", type=float, default=7.0)
+    words.add_argument("--channel", action="store_true")
+    given = vars(words.parse_args())
+    print(*(f"{k} = {v}" for k, v in main(**given)._asdict().items() if k != "ledger"), sep="\n")

@@ -1,0 +1,287 @@
+"""Real hosts, both ways: what one loses the other gains, on the host's own faces and masks."""
+
+import glob
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_examples import ROOT, example
+
+from floebmi.errors import InputError
+
+
+@pytest.fixture
+def shallow():
+    pytest.importorskip("shallowwater", reason="shallowwater is not installed")
+    return example("shallow_water")
+
+
+def small(shallow, rescue=None):
+    return shallow.basin((15, 20), 0.5, (600.0, 1200.0), rescue)
+
+
+# ---- Landlab: the other tests are in test_landlab -----------------------------------------------------
+
+
+def test_ice_goes_out_of_a_lagoon_with_the_ebb_and_the_tide_does_not_feel_it(
+    tmp_path, monkeypatch, capsys
+):
+    pytest.importorskip("landlab", reason="the extra `landlab` is not installed")
+    lagoon = example("tidal_lagoon")
+    monkeypatch.setattr(lagoon, "STEPS", 3)
+    found = lagoon.main(tmp_path, concentration=0.1)
+    assert found.worst <= 1e-12
+    assert found.through > 0
+    assert found.host_unchanged
+    assert "residual" in capsys.readouterr().out
+    assert (tmp_path / "tidal-lagoon.png").stat().st_size > 50_000
+
+
+# ---- shallowwater -----------------------------------------------------------------------------------
+
+
+def test_a_seiche_under_ice_keeps_volume_and_momentum_to_round_off(shallow, tmp_path):
+    found = shallow.main(tmp_path, 3.0, 0.6, (15, 20), (500.0, 1000.0))
+    assert found.worst <= 1e-12 and found.water <= 1e-12
+    assert found.volume <= 1e-15
+    assert found.seiche < 0.9  # the ice holds it back
+    assert (tmp_path / "shallow-water.png").stat().st_size > 30_000
+
+
+def test_plain_means_of_the_stress_would_lose_momentum_at_the_shore(shallow):
+    icy = small(shallow)
+    icy.exchange(1800.0)
+    cells = icy.model.ocean.last_x.reshape(15, 20)
+    means = 0.5 * (cells[:, 1:] + cells[:, :-1])  # what a C grid does at its inner faces
+    lost = abs(means.sum() - cells.sum()) / np.abs(cells).sum()
+    assert lost > 1e-3
+    assert abs(icy.books.last.to_host[0] - cells.sum()) <= 1e-12 * np.abs(cells).sum()
+
+
+def test_the_shallow_water_without_ice_is_the_host_alone_bit_for_bit(shallow):
+    import shallowwater as sw
+
+    free = shallow.basin((15, 20), 0.0, (1.0, 1.0))
+    start = free.snapshot()
+    for until in (600.0, 1800.0, 2400.0):
+        free.exchange(until)
+    alone = sw.run_model(
+        2400.0, free.dt, free.grid, free.params, sw.zero_forcing,
+        ic_fn=lambda grid, params: tuple(start[name] for name in ("eta", "u", "v")), save_every=1000,
+    )  # fmt: skip
+    for name in ("eta", "u", "v"):
+        assert np.abs(alone[name][-1]).max() > 0
+        np.testing.assert_array_equal(free.state[name], alone[name][-1])
+
+
+def equal(one, other):
+    for name, values in one.snapshot().items():
+        np.testing.assert_array_equal(values, other.snapshot()[name])
+    np.testing.assert_array_equal(one.model.floes.x, other.model.floes.x)
+    np.testing.assert_array_equal(one.model.ocean.impulse_x, other.model.ocean.impulse_x)
+
+
+def test_a_host_that_fails_leaves_a_line_and_a_state_from_which_the_run_goes_on(
+    shallow, tmp_path, monkeypatch
+):
+    rescue = tmp_path / "rescue.nc"
+    whole, broken = small(shallow), small(shallow, rescue)
+    for basin in (whole, broken):
+        basin.exchange(600.0)
+    whole.exchange(1200.0)
+
+    def refused(match, until=1200.0):
+        with pytest.raises((InputError, RuntimeError), match=match) as caught:
+            broken.exchange(until)
+        assert "\n" not in str(caught.value)
+        assert f"floes at 600 s, their state saved in {rescue}" in str(caught.value)
+
+    held = {name: values.copy() for name, values in broken.state.items()}
+    broken.state["u"][3, 4] = np.nan  # the host sends NaN
+    refused("value nan on open point 67")
+    broken.state["u"] = held["u"][:, :-1]  # another grid
+    refused("300 values for 315 points")
+    broken.state["u"] = held["u"].copy()
+    refused("from 600 to 0 s: must be a whole number", until=0.0)  # backwards
+
+    def dies(*args, **kwargs):
+        raise MemoryError("the host died\nand told a long story")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shallow.sw, "run_model", dies)  # after the ice has moved
+        refused("the host died; floes at 600 s")
+
+    broken.exchange(1200.0)
+    equal(broken, whole)
+    again = small(shallow)  # another process: from the file alone
+    again.put(again.books.load(rescue))
+    assert again.model.time == 600.0
+    again.exchange(1200.0)
+    equal(again, whole)
+
+
+# ---- Veros --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def veros():
+    pytest.importorskip("veros", reason="the extra `veros` is not installed")
+    return example("veros_fram_strait")
+
+
+@pytest.fixture(scope="module")
+def channel(veros, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("veros")
+    found = veros.main(folder, 0.25, True, size=12, radius=(5e3, 9e3), show=False)
+    assert (folder / "veros-channel.png").stat().st_size > 30_000
+    return found
+
+
+def test_momentum_closes_on_the_faces_of_veros_and_in_its_own_velocities(channel):
+    assert channel.worst <= 1e-12
+    assert channel.momentum <= 1e-12
+    assert all(line.undelivered.tolist() == [0.0, 0.0] for line in channel.ledger)
+    assert channel.ledger[-1].to_host[0] > 0  # the wind's push, handed on by the ice
+
+
+def test_veros_without_ice_is_veros_alone(channel):
+    assert channel.same <= 1e-15
+
+
+def fram(veros, tmp_path, **options):
+    ocean = veros.Ocean(
+        12,
+        900.0,
+        make_ice=veros.make_ice((8e3, 14e3), 0.6, False),
+        rescue=tmp_path / "ice.nc",
+        **options,
+    )
+    ocean.setup()
+    return ocean
+
+
+def test_the_ledger_closes_at_the_coasts_of_fram_strait_and_fractions_are_blended_once(
+    veros, tmp_path
+):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    for _ in range(8):
+        ocean.step(ocean.state)
+    assert max(line.relative for line in ice.ledger) <= 1e-12
+    assert not ice.model.grid.wet.all()
+    inner = (slice(2, -2), slice(2, -2))
+    tau, area = np.asarray(vs.surface_tauy)[inner], np.asarray(vs.area_v)[inner]
+    mask = np.asarray(vs.maskV)[..., -1][inner]
+    wind = np.asarray(ocean.wind[1])[inner]
+    fraction = ice.fraction.T
+    beside = 0.5 * (fraction + np.roll(fraction, -1, axis=1))
+    expected = ((1 - beside) * wind * area * mask).sum() + ice.ledger[-1].to_host[1] / 3600.0
+    assert (tau * area * mask).sum() == pytest.approx(expected, rel=1e-12)
+    twice = ((1 - beside) ** 2 * wind * area * mask).sum() + ice.ledger[-1].to_host[1] / 3600.0
+    assert abs(twice - expected) > 1e-2 * abs(
+        expected
+    )  # the blend of the step before, blended again
+    open_water = np.asarray(vs.forc_tke_surface)[inner][(fraction == 0) & (ice.model.grid.wet.reshape(12, 12).T)]  # fmt: skip
+    assert open_water.max() > 0
+
+
+def test_a_clock_of_veros_that_goes_back_and_a_current_that_is_nan_are_refused(veros, tmp_path):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    for _ in range(4):
+        ocean.step(ocean.state)
+    place = f"floes at 3600 s, their state saved in {tmp_path / 'ice.nc'}"
+    with vs.unlock():
+        good = vs.u
+        vs.u = np.where(np.ones_like(good, bool), np.nan, good)
+        with pytest.raises(InputError, match="value nan on open point") as caught:
+            ice.force(ocean.state, *ocean.wind)
+        assert str(caught.value).endswith(place)
+        vs.u = good
+        was, vs.time = vs.time, vs.time - 4500.0
+        with pytest.raises(InputError, match="a clock went back or jumped") as caught:
+            ice.force(ocean.state, *ocean.wind)
+        assert str(caught.value).endswith(place)
+        vs.time = was
+    ocean.step(ocean.state)
+    assert ice.model.time == 7200.0
+
+
+def test_ice_on_veros_goes_on_from_its_file(veros, tmp_path):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    for _ in range(6):
+        ocean.step(ocean.state)
+    ice.save_state(tmp_path / "saved.nc")
+    again = fram(veros, tmp_path).ice
+    again.load_state(tmp_path / "saved.nc")
+    with vs.unlock():
+        for now in (5400.0, 7200.0):  # in the exchange under way, and at the next one
+            vs.time = now
+            for one in (ice, again):
+                one.force(ocean.state, *ocean.wind)
+                written = np.array(vs.surface_taux), np.array(vs.forc_tke_surface)
+                if one is ice:
+                    expected = written
+            for values, right in zip(written, expected, strict=True):
+                np.testing.assert_array_equal(values, right)
+    assert again.model.time == ice.model.time == 10800.0
+    np.testing.assert_array_equal(again.model.floes.x, ice.model.floes.x)
+
+
+# ---- YAC ----------------------------------------------------------------------------------------------
+
+MPI = glob.glob(sys.prefix + "/lib/libmpi.so.40")
+with_yac = pytest.mark.skipif(
+    importlib.util.find_spec("yac") is None or not MPI,
+    reason="the extra `yac` (YAC and Open MPI) is not installed",
+)
+
+
+def in_its_own_process(*command):
+    """YAC ends the process on an error, and MPI starts once: never in the process of the tests."""
+    environment = os.environ | {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": str(ROOT),
+    }  # fmt: skip
+    done = subprocess.run(
+        [str(word) for word in command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@with_yac
+def test_through_yac_the_ocean_gets_the_force_that_the_floes_felt(tmp_path):
+    script = ROOT / "examples" / "yac_coupler.py"
+    in_its_own_process(sys.executable, script, "--folder", tmp_path)
+    found = example("yac_coupler").compare(tmp_path)
+    assert found["difference"] <= 1e-9
+    assert found["force"] > 1e7
+
+
+@with_yac
+@pytest.mark.long
+def test_through_yac_in_two_processes_as_well(tmp_path):
+    script, mpirun = ROOT / "examples" / "yac_coupler.py", Path(sys.prefix) / "bin" / "mpirun"
+    command = (mpirun, "--oversubscribe", "-n", "2", sys.executable, script, "--folder", tmp_path)
+    in_its_own_process(*command)
+    assert example("yac_coupler").compare(tmp_path)["difference"] <= 1e-9
+
+
+# ---- another process, through gRPC --------------------------------------------------------------------
+
+
+def test_a_host_in_another_process_gets_the_numbers_of_a_host_in_the_same(tmp_path):
+    pytest.importorskip("grpc4bmi", reason="the extra `grpc` is not installed")
+    found = example("two_processes").main(tmp_path, hours=0.5)
+    assert found.same
+    assert found.worst <= 1e-12
+    assert "must be finite" in found.refusal and "\n" not in found.refusal
