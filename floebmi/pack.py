@@ -75,22 +75,25 @@ def pack(floes: Floes, density: float, previous: np.ndarray | None) -> Packed:
         number = number[sort_in_space(floes.x[number], floes.y[number], floes.radius[number])]
     n = len(number)
     rotation = floes.rotation
-    records = np.zeros(n, SPINNING if rotation else MOVING).view(np.recarray)
+    records = np.zeros(n, SPINNING if rotation else MOVING)
     bits = floes.motion[number]
     mass = floes.mass(density)[number]
-    records.x, records.y = floes.x[number], floes.y[number]
-    records.r, records.h = floes.radius[number], floes.thickness[number]
-    records.u, records.v = floes.u[number], floes.v[number]
-    inverse_x = np.where(bits & FIXED_X, 0.0, 1.0 / mass)
-    inverse_y = np.where(bits & FIXED_Y, 0.0, 1.0 / mass)
-    records.w = np.maximum(inverse_x, inverse_y)
+    first_x, first_y, radius = floes.x[number], floes.y[number], floes.radius[number]
+    records["x"], records["y"], records["r"] = first_x, first_y, radius
+    records["h"] = floes.thickness[number]
+    records["u"], records["v"] = floes.u[number], floes.v[number]
+    inverse = 1.0 / mass
+    inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
+    inverse_y = np.where(bits & FIXED_Y, 0.0, inverse)
+    records["w"] = np.maximum(inverse_x, inverse_y)
     inertia = inverse_spin = angle = None
     if rotation:
-        records.omega = floes.angular_velocity[number]
-        inertia = 0.5 * mass * records.r**2
+        records["omega"] = floes.angular_velocity[number]
+        inertia = 0.5 * mass * radius**2
         inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
         angle = floes.angle[number]
     force = np.zeros(n, FORCE_AND_TORQUE if rotation else FORCE).view(np.recarray)
+    records = records.view(np.recarray)
     return Packed(
         records,
         records if rotation else None,
@@ -104,8 +107,8 @@ def pack(floes: Floes, density: float, previous: np.ndarray | None) -> Packed:
         angle,
         np.flatnonzero(bits),
         floes.land[number],
-        records.x.copy(),
-        records.y.copy(),
+        first_x,
+        first_y,
         None if previous is None else previous[number],
     )
 
