@@ -174,14 +174,17 @@ def _search(x, y, reach, level, period_x, period_y, grids, cell_start, items, st
             nx, ny, base = int(grids[g, 6]), int(grids[g, 7]), int(grids[g, 8])
             cx0, cx1 = _window(here_x - west, s, width_x, nx, period_x)
             cy0, cy1 = _window(here_y - south, s, width_y, ny, period_y)
+            turn = 0  # periods from the window's first column to the grid
+            while cx0 + turn < 0:
+                turn += nx
+            while cx0 + turn >= nx:
+                turn -= nx
             for cy in range(cy0, cy1 + 1):
                 row = base + nx * (cy + ny if cy < 0 else cy - ny if cy >= ny else cy)
-                cx = cx0
-                while cx <= cx1:  # in one go the cells up to a seam, whose floes lie together
-                    seam = -1 if cx < 0 else nx - 1 if cx < nx else 2 * nx - 1
-                    turn = nx if cx < 0 else -nx if cx >= nx else 0
-                    first, cx = row + turn + cx, min(cx1, seam) + 1
-                    for q in range(cell_start[first], cell_start[row + turn + cx]):
+                cx, shift = cx0, row + turn
+                while cx <= cx1:  # in one go the cells up to the seam: their floes lie together
+                    end = min(cx1 + 1, row + nx - shift)
+                    for q in range(cell_start[shift + cx], cell_start[shift + end]):
                         j = items[q]
                         dx = x[j] - here_x
                         dy = y[j] - here_y
@@ -194,6 +197,7 @@ def _search(x, y, reach, level, period_x, period_y, grids, cell_start, items, st
                             out_i[found] = i
                             out_j[found] = j
                         found += (j > after) & (dx * dx + dy * dy < near * near)
+                    cx, shift = end, shift - nx
     start[x.size] = found
     return found
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
-from floebmi.grid import Grid, bin_of, column
+from floebmi.grid import Grid, bin_of, blocks, column
 from floebmi.kernels import jit
 
 Period = tuple[float | None, float | None]
@@ -243,30 +243,16 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
     return float(period[0] or 0.0), float(period[1] or 0.0)
 
 
-@jit
-def _repeats(low, high, reach, x, length):
-    """First and last multiple of the period that brings what reaches so far to low … high."""
-    if length == 0.0:
-        return 0, 0 if x + reach >= low and x - reach <= high else -1
-    return int(np.ceil((low - reach - x) / length)), int(np.floor((high + reach - x) / length))
-
-
-@jit
-def _images(bounds, x, y, reach_x, reach_y, length_x, length_y, start, thing, image_x, image_y):
-    """Fill the rows of images; returns how many there are, also if the arrays were too short."""
-    m = 0
-    for k in range(x.size):
-        start[k] = m
-        i0, i1 = _repeats(bounds[0], bounds[1], reach_x[k], x[k], length_x)
-        j0, j1 = _repeats(bounds[2], bounds[3], reach_y[k], y[k], length_y)
-        for j in range(j0, j1 + 1):
-            for i in range(i0, i1 + 1):
-                if m < thing.size:
-                    thing[m] = k
-                    image_x[m], image_y[m] = x[k] + i * length_x, y[k] + j * length_y
-                m += 1
-    start[x.size] = m
-    return m
+def _repeats(
+    low: float, high: float, reach: np.ndarray | float, x: np.ndarray, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First multiple of the period that brings what reaches so far to low … high, and how many."""
+    if length == 0:
+        meets = (x + reach >= low) & (x - reach <= high)
+        return np.zeros(x.size, np.int64), meets.astype(np.int64)
+    first = np.ceil((low - reach - x) / length).astype(np.int64)
+    last = np.floor((high + reach - x) / length).astype(np.int64)
+    return first, np.maximum(last - first + 1, 0)
 
 
 def images(
@@ -285,16 +271,11 @@ def images(
     without periods, itself or none
     """
     length_x, length_y = check_period(grid, period)
-    reach_x, reach_y = np.full(x.size, reach_x), np.full(x.size, reach_y)
-    start = np.empty(x.size + 1, np.int64)
-    found = x.size + x.size // 4 + 64
-    room = 0
-    while found > room:
-        room = found
-        rows = np.empty(room, np.int64), np.empty(room), np.empty(room)
-        found = _images(grid.bounds, x, y, reach_x, reach_y, length_x, length_y, start, *rows)
-    thing, image_x, image_y = (values[:found] for values in rows)
-    return start, thing, image_x, image_y
+    west, east, south, north = grid.bounds
+    first_x, count_x = _repeats(west, east, reach_x, x, length_x)
+    first_y, count_y = _repeats(south, north, reach_y, y, length_y)
+    start, thing, image_x, image_y = blocks(first_x, count_x, first_y, count_y)
+    return start, thing, x[thing] + image_x * length_x, y[thing] + image_y * length_y
 
 
 def coverage(
