@@ -645,8 +645,9 @@ def _experiment(
                 values.setdefault("normal_stress", parameters.NORMAL_STRESSES)
             made = campaign.run(kind, values, numbers, save or Path(f"{name}.nc"), **how)
     if not quiet:
-        click.echo(made.text)
-        click.echo("\n".join(f"wrote {path}" for path in made.files))
+        click.echo(
+            "\n".join([made.text] * bool(made.text) + [f"wrote {path}" for path in made.files])
+        )
     if made.failures:
         _fail(f"{len(made.failures)} members failed; the same command runs them again", 3)
 

@@ -283,7 +283,7 @@ def _strait_in_time(p: Strait, seed: int) -> "Figure":
 
     given = p._asdict()
     figure, axes = plt.subplots(
-        2, 3, figsize=(8.4, 4.9), layout="constrained", sharex=True, sharey=True
+        2, 3, figsize=(8.4, 3.9), layout="constrained", sharex=True, sharey=True
     )
     for row, (model_name, laws) in zip(axes, TWO.items(), strict=True):
         one = make(Strait, {**given, **{name: v[0] for name, v in laws.items()}})
@@ -293,9 +293,11 @@ def _strait_in_time(p: Strait, seed: int) -> "Figure":
             if k < 3 and model.time >= when[k]:
                 _snapshot(row[k], model, f"{model_name}, {model.time / HOUR:.1f} h")
                 k += 1
-        jam = "jammed" if model.time < one.hours * HOUR else "end"
-        for ax in row[k:]:
-            _snapshot(ax, model, f"{model_name}, {jam}, {model.time / HOUR:.1f} h")
+        if k < 3:
+            jam = "jammed" if model.time < one.hours * HOUR else "end"
+            _snapshot(row[k], model, f"{model_name}, {jam}, {model.time / HOUR:.1f} h")
+        for ax in row[k + 1 :]:
+            ax.set_axis_off()  # it had jammed by then
     for ax in axes[0]:
         ax.set_xlabel("")
     for ax in axes[:, 1:].flat:
