@@ -5,6 +5,7 @@ stops and restarts at an exchange goes on with the same bits.
 """
 
 from collections.abc import Sequence
+from copy import copy, deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,6 +60,22 @@ class State:
     feeders: tuple[Feeder, ...] = ()
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
+
+    def copy(self) -> "State":
+        """The same, to go back to; what is never changed in place is shared."""
+        previous = None if self.previous is None else self.previous.copy()
+        return State(
+            self.walls.copy(), self.memory, previous, deepcopy(self.rng),
+            tuple(map(copy, self.feeders)), deepcopy(self.ledger), copy(self.counters),
+        )  # fmt: skip
+
+    def go_back(self, earlier: "State") -> None:
+        """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
+        self.walls[:] = earlier.walls
+        self.memory, self.previous, self.rng = earlier.memory, earlier.previous, earlier.rng
+        self.feeders = earlier.feeders
+        vars(self.ledger).update(vars(earlier.ledger))
+        vars(self.counters).update(vars(earlier.counters))
 
 
 class Advance:

@@ -35,7 +35,7 @@ This module imports little, so that `floebmi.FloeBmi` can be there as soon as th
 
 import sys
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -336,11 +336,20 @@ class _Running:
     # ---- stepping
 
     def advance(self, until: float) -> None:
-        """Exchanges of the scene's length and a shorter last one; lands exactly on `until`."""
+        """Exchanges of the scene's length and a shorter last one; lands exactly on `until`.
+
+        If it fails, all is as before.
+        """
+        rest = until - self.model.time
+        count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
+        # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
+        plain = count == 1 and not self.sources and not self.capacity
+        with nullcontext() if plain else self.unchanged_on_failure():
+            self._exchanges(until, rest, count)
+
+    def _exchanges(self, until: float, rest: float, count: int) -> None:
         model = self.model
         sums: dict[str, Any] = {}
-        rest = until - model.time
-        count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
         for k in range(count):
             whole = k < count - 1 or model.time + self.step == until
             duration = self.step if whole else until - model.time
@@ -368,14 +377,12 @@ class _Running:
         if self.capacity:
             _check_capacity(self.model.floes, self.capacity)
         self.means = means
-        fields = {
-            row.name: self.values[n] for n, row in self.rows.items() if isinstance(row, Variable)
-        }
-        asked = [self.rows[name] for name in self.asked]
-        for part in {self.parts[row.name] for row in asked if _is_field(row)}:
-            part(out=fields)  # in place, the others of the part as well
-        for name, values in means.items():
-            fields[name][:] = values
+        asked = {name: self.rows[name] for name in self.asked}
+        fields = {row.name: self.values[name] for name, row in asked.items() if _is_field(row)}
+        for part in {self.parts[name] for name in fields}:
+            part(out=fields)
+        for name in means.keys() & fields.keys():
+            fields[name][:] = means[name]
         for name in self.asked:
             if not _is_field(self.rows[name]):
                 self._write(name)
@@ -505,9 +512,7 @@ class FloeBmi(Bmi):
             self._advance(time)
 
     def _advance(self, until: float) -> None:
-        now = self._now("update")
-        with now.unchanged_on_failure():
-            now.advance(until)
+        self._now("update").advance(until)
 
     def finalize(self) -> None:
         """Let go of everything; `initialize` may follow."""

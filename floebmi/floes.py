@@ -259,6 +259,12 @@ class Floes:
         floes._columns = {name: column[: self._n].copy() for name, column in self._columns.items()}
         return floes
 
+    def go_back(self, earlier: "Floes") -> None:
+        """Become an earlier copy of these, in the same arrays; floes added since are gone."""
+        self._n = len(earlier)
+        for name, column in self._columns.items():
+            column[: self._n] = getattr(earlier, name)
+
     @staticmethod
     def concatenate(groups: Sequence["Floes"]) -> "Floes":
         """All floes of some groups in one, numbered in the order given; inactive ones stay so.

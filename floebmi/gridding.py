@@ -173,7 +173,7 @@ def cell_fields(
     density : of ice [kg/m³]
     coordination : (n,) number of contacts of each floe [1]
     fill : what means show where there is no ice: 0 in memory, NaN in files
-    out : arrays to write into, by name; default: new ones
+    out : arrays to write into, by name; new ones for the others
 
     Returns
     -------
@@ -194,7 +194,8 @@ def cell_fields(
         "thickness": thickness, "u": u, "v": v, "radius": radius, "coordination": coordination
     }  # fmt: skip
     arrays = [_per_floe(name, values, n) for name, values in per_floe.items()]
-    fields = {name: np.empty(grid.size) if out is None else out[name] for name in STATE}
+    wanted = {} if out is None else out
+    fields = {name: wanted[name] if name in wanted else np.empty(grid.size) for name in STATE}
     _cell_fields(
         coverage.start, coverage.cell, coverage.area, *arrays, grid.area, density, fill,
         tuple(fields.values()),

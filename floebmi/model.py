@@ -73,6 +73,7 @@ from floebmi.vorticity import Vorticity
 
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
+PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
 
 
 class Fluid:
@@ -325,10 +326,11 @@ class Model:
         Raises
         ------
         InputError
-            for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it;
-            the model is then as before.
+            for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it.
         StabilityError
             if floes leave what the step resolves.
+
+        After an error the model is as it was before.
         """
         if not (np.isfinite(duration) and duration >= 0):
             raise InputError(f"advance: duration = {duration!r}; must be at least 0 s")
@@ -341,10 +343,16 @@ class Model:
         weights = self._sample(seen)
         known = len(self.floes)
         advance = self._now(seen)
+        before = self._state.copy()
         if seen is not self._left:
             self._book_edits(advance)
         seen.list = None  # the steps use it up, even if they fail
-        advance.run(duration, self._at, self.time)
+        try:
+            advance.run(duration, self._at, self.time)
+        except BaseException:
+            self.floes.go_back(seen.floes)
+            self._state.go_back(before)
+            raise
         self._at = tuple(advance.at)
         self._give_back(weights, known, duration)
         self._state.ledger.now = advance.stock()
@@ -531,7 +539,7 @@ class Model:
     def ice_fields(self, out: Out = None) -> dict[str, np.ndarray]:
         """Those of `fields` that are the state of the ice: area, thickness, velocity, floes.
 
-        out : arrays to write into, by name; default: new ones
+        out : arrays to write into, by name, where no other field is wanted; default: new ones of all
         """
         f, contacts = self.floes, self.contacts()
         partners = np.bincount(np.concatenate([contacts.i, contacts.j]), minlength=len(f))
@@ -562,9 +570,9 @@ class Model:
         }
         if out is None:
             return fields
-        for name, values in fields.items():
-            out[name][:] = values
-        return {name: out[name] for name in fields}
+        for name in fields.keys() & out.keys():
+            out[name][:] = fields[name]
+        return {name: out[name] for name in fields if name in out}
 
     def fluid_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
         """Those of `fields` between ice and fluids, ice on ocean, air on ice; `out` as for `ice_fields`."""
@@ -572,7 +580,10 @@ class Model:
         fields: dict[str, np.ndarray] = {}
 
         def product(name: str, one: np.ndarray, other: np.ndarray | float) -> None:
-            fields[name] = np.multiply(one, other, out=None if out is None else out[name])
+            if out is None:
+                fields[name] = one * other
+            elif name in out:
+                fields[name] = np.multiply(one, other, out=out[name])
 
         for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
             if fluid is None:
@@ -586,12 +597,14 @@ class Model:
                 product(f"{what}_stress_{axis}", last, mean)
                 product(f"{what}_impulse_{axis}", running, per_area)
         if self.ocean is not None:
-            areas = self.coverage()
-            ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
-            per_ice = np.divide(self.grid.area, ice, out=np.zeros(self.grid.size), where=ice > 0)
-            for axis in "xy":
-                stress = fields[f"ocean_stress_{axis}"]
-                product(f"ocean_stress_per_ice_area_{axis}", stress, per_ice)
+            if out is None or any(name in out for name in PER_ICE_AREA):
+                areas = self.coverage()
+                ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
+                mean = np.divide(over, ice, out=np.zeros(self.grid.size), where=ice > 0)
+                for name, last in zip(
+                    PER_ICE_AREA, (self.ocean.last_x, self.ocean.last_y), strict=True
+                ):
+                    product(name, last, mean)
             product("ocean_stress_magnitude", self.ocean.magnitude, over)
             product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields

@@ -34,9 +34,11 @@ def gradient_operators(grid: Grid) -> tuple[sparse.csr_array, sparse.csr_array]:
     in_x = weight * over[one] * (yy[one] * dx - xy[one] * dy)
     in_y = weight * over[one] * (xx[one] * dy - xy[one] * dx)
     operators = []
-    for values in (in_x, in_y):
-        away = sparse.csr_array((values, (one, other)), shape=(grid.size, grid.size))
-        operator = (away - sparse.diags_array(total(values), dtype=np.float64)).tocsr()
+    for weights in (in_x, in_y):
+        away = sparse.csr_array((weights, (one, other)), shape=(grid.size, grid.size))
+        operator = (away - sparse.diags_array(total(weights), dtype=np.float64)).tocsr()
+        values = np.abs(operator.data)
+        operator.data[values < 1e-13 * values.max(initial=0.0)] = 0.0  # only round-off is so small
         operator.eliminate_zeros()  # so that dry cells are not read
         operators.append(operator)
     return operators[0], operators[1]

@@ -5,15 +5,17 @@ import numpy as np
 import pytest
 
 from floebmi import dynamics
-from floebmi.boundaries import Domain
+from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, cohesive, frictional, prepare
-from floebmi.errors import InputError
+from floebmi.dynamics import Step
+from floebmi.errors import InputError, StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import FORCE_BUFFER, AirDrag, BodyForce, Coriolis, OceanDrag, at_floes
 from floebmi.grid import Grid
 from floebmi.kernels import FASTMATH
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
+from floebmi.sizes import PowerLaw
 
 DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
 
@@ -218,3 +220,30 @@ def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
     with pytest.raises(InputError, match="does not fit this scene"):
         model.restore(other.state())
     assert np.array_equal(model.floes.x, before)
+
+
+@pytest.mark.parametrize("scheme", ["verlet", "taylor3"])
+def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
+    def made():
+        floes = Floes([0.0, 19.9, 300.0], [0.0, 0.0, 5.0], 10.0, 1.0, u=[0.3, 0.0, 0.0])
+        return Model(
+            Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional(), forces=[OceanDrag()],
+            inflow=Inflow("north", PowerLaw(10.0, 20.0), 1.0), walls=[Wall("west", normal_stress=1e3)],
+            step=Step(scheme, length=0.2),
+        )  # fmt: skip
+
+    model, other = made(), made()
+    for one in (model, other):
+        one.advance(2.0)
+    ledger, x, slow = model.ledger, model.floes.x, model.floes.u[2]
+    model.floes.u[2] = 50.0  # a later exchange meets it, with floes added on the way
+    edited = model.state()
+    with pytest.raises(StabilityError):
+        model.advance(10.0)
+    after = model.state()
+    assert all(np.array_equal(edited[name], after[name]) for name in edited)
+    assert model.ledger is ledger and np.shares_memory(model.floes.x, x)
+    model.floes.u[2] = slow
+    for one in (model, other):
+        one.advance(2.0)
+    assert np.array_equal(other.floes.x, model.floes.x)
