@@ -24,15 +24,19 @@ def main() -> None:
     floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
     rng = np.random.default_rng(0)
     floes.u[:], floes.v[:] = rng.normal(0, 0.1, (2, len(floes)))
+    drag = (fb.OceanDrag(), fb.AirDrag())
     laws = {
-        "elastic": (fb.Contact(), ()),
-        "cohesive": (fb.cohesive(), ()),
-        "frictional": (fb.frictional(), ()),
-        "frictional, ocean and air drag": (fb.frictional(), (fb.OceanDrag(), fb.AirDrag())),
+        "elastic": (fb.Contact(), (), 1),
+        "cohesive": (fb.cohesive(), (), 1),
+        "frictional": (fb.frictional(), (), 1),
+        "frictional, ocean and air drag": (fb.frictional(), drag, 1),
+        "the same, drag every 10 steps": (fb.frictional(), drag, 10),
     }
     models = {
-        name: fb.Model(domain, floes.copy(), contact=contact, forces=forces)
-        for name, (contact, forces) in laws.items()
+        name: fb.Model(
+            domain, floes.copy(), contact=contact, forces=forces, step=fb.Step(drag_every=every)
+        )
+        for name, (contact, forces, every) in laws.items()
     }
     steps = max(100, 2_000_000 // len(floes))
     for model in models.values():

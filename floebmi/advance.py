@@ -109,6 +109,7 @@ class Advance:
         self.still = self.walls is not None or None in self.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(4)
+        self.lag = np.zeros(2)
         self.buffer = np.empty(PAIR_BUFFER)
 
     # ---- packing and the list ----------------------------------------------------------------------
@@ -280,7 +281,7 @@ class Advance:
             steps = max(1, int(rest / dt + 1e-9))  # a shorter one ends the interval
             dt = min(dt, rest)
         taken = 0
-        substeps = self._substeps(dt)
+        substeps = self._substeps(self.step.drag_every * dt)
         while taken < steps:
             n, self.travelled = self._kernel(dt, steps - taken, substeps)
             taken += n
@@ -329,7 +330,7 @@ class Advance:
         if self.step.scheme == "verlet":
             return verlet(
                 *laws, self.packed, self.pairs, *lists, dt, steps, substeps,
-                self.travelled, half_skin,
+                self.travelled, half_skin, self.step.drag_every, self.lag,
             )  # fmt: skip
         return taylor(
             self.step.scheme == "taylor3", *laws, self.packed, self.pairs, *lists, dt, steps,

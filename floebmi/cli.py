@@ -170,6 +170,10 @@ def floebmi() -> None:
 @click.option(
     "--duration", type=float, metavar="SECONDS", help="End time of the run, instead of the scene's."
 )
+@click.option(
+    "--accuracy", type=float, metavar="ERROR",
+    help="Take the fastest setting with this error, from `floebmi tradeoff`, 0.02 say.",
+)  # fmt: skip
 @click.option("--profile", is_flag=True, help="Print where the time went.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def run(
@@ -179,6 +183,7 @@ def run(
     force: bool,
     restart: Path | None,
     duration: float | None,
+    accuracy: float | None,
     profile: bool,
     quiet: bool,
 ) -> None:
@@ -198,6 +203,8 @@ def run(
     from floebmi.scene import read_scene
 
     read = read_scene(scene, overrides)
+    if accuracy is not None:
+        read = _as_accurate(read, scene, overrides, accuracy, quiet)
     schedule = read.schedule(duration)
     folder = Path(read.name) if folder is None else folder
     gridded = folder / "gridded.nc" if _wants_gridded(read) else None
@@ -259,6 +266,20 @@ def run(
         sys.exit(130)
 
 
+def _as_accurate(
+    read: "Scene", scene: str, overrides: tuple[str, ...], accuracy: float, quiet: bool
+) -> "Scene":
+    """The scene with the setting that a stored result recommends; what is set by hand comes last."""
+    from floebmi.scene import read_scene
+    from floebmi.tradeoff import AS_IT_IS, chosen
+
+    changes = chosen(read_scene(scene), accuracy).split()
+    if not quiet:
+        told = " ".join(f"--set {change}" for change in changes) or AS_IT_IS
+        click.echo(f"accuracy {accuracy:g}: {told}")
+    return read_scene(scene, (*changes, *overrides))
+
+
 def _wants_gridded(scene: "Scene") -> bool:
     if scene.output.gridded and scene.grid is None:
         raise InputError(f"{scene.file}: [output] gridded = true: needs a [grid]")
@@ -297,16 +318,85 @@ def _of(what: str) -> Iterator[None]:
 @floebmi.command()
 @click.argument("scene")
 @_set_option
-def explain(scene: str, overrides: tuple[str, ...]) -> None:
+@click.option(
+    "--calibrate", is_flag=True,
+    help="Run its start for some seconds, and keep what a step costs on this machine.",
+)  # fmt: skip
+def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
     """Say what SCENE models and why, what it leaves out, its step, memory and cost."""
+    from floebmi import calibration
     from floebmi.explain import explain as explain_scene
     from floebmi.scene import read_scene
 
     read = read_scene(scene, overrides)
     built = read.build()
+    if calibrate:
+        calibration.keep(built.model, calibration.measure(read.build()))
     if read.time.duration is not None:
         _check_forcing(read, built, 0.0, read.time.duration)
     click.echo(explain_scene(read, built))
+
+
+@floebmi.command()
+@click.argument("scene")
+@_set_option
+@click.option(
+    "--error", type=float, default=0.05, metavar="ERROR",
+    help="That the recommended setting may have, relative to the reference (0.05).",
+)  # fmt: skip
+@click.option(
+    "--of", metavar="QUANTITY",
+    help="Whose error counts: transport, drift, area_fraction, velocity or stress.",
+)  # fmt: skip
+@click.option("--seeds", type=int, default=3, help="Runs of each setting (3).")
+@click.option(
+    "--duration", type=float, metavar="SECONDS", help="Of each run, instead of the scene's."
+)
+@click.option(
+    "--budget", type=float, metavar="MINUTES", help="Make the runs so short that all fit into this."
+)
+@click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores.")
+@click.option(
+    "--to", "target", type=click.Path(path_type=Path), metavar="FILE",
+    help="NetCDF file to make, and a .png beside it; else SCENE.tradeoff.nc here.",
+)  # fmt: skip
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+def tradeoff(
+    scene: str,
+    overrides: tuple[str, ...],
+    error: float,
+    of: str | None,
+    seeds: int,
+    duration: float | None,
+    budget: float | None,
+    jobs: int | None,
+    target: Path | None,
+    quiet: bool,
+) -> None:
+    """Turn the dials of SCENE: what each costs, how far it errs, and which setting to take.
+
+    Every setting runs with the same seeds and is compared with a fine reference; * marks the front, settings
+    that no other beats in both. Runs that have finished are kept beside the file and not run again.
+    """
+    from floebmi import tradeoff as trade
+
+    made = trade.tradeoff(
+        scene, overrides, error=error, of=of, seeds=seeds, duration=duration, budget=budget, to=target,
+        jobs=jobs, progress=not quiet,
+    )  # fmt: skip
+    picture = made.path.with_suffix(".png")
+    trade.figure(made.data, made.data.attrs["title"]).savefig(picture, dpi=160)
+    if not quiet:
+        of, best = made.data.attrs["of"], trade.recommended(made.data, error)
+        click.echo(f"{made.why}\n{trade.table(made.data)}")
+        if best is None:
+            click.echo(f"no setting has an error of {of} below {error:g}")
+        else:
+            told = " ".join(f"--set {change}" for change in best.split()) or trade.AS_IT_IS
+            click.echo(f"for an error of {of} below {error:g}: {told}")
+        click.echo(f"wrote {made.path}\nwrote {picture}")
+    if made.failures:
+        _fail(f"{len(made.failures)} runs failed; the same command runs them again", 3)
 
 
 @floebmi.command()

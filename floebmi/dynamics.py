@@ -39,7 +39,7 @@ from floebmi.forces import (
     book,
 )
 from floebmi.kernels import dispatched, jit
-from floebmi.quantities import Positive, PositiveFraction
+from floebmi.quantities import Count, Positive, PositiveFraction
 
 # Rows of the buffer of a block of pairs; as in forces.py, results lie below what they are computed from.
 FX, FY, TORQUE_I, TORQUE_J = (row * BLOCK for row in range(4))
@@ -57,12 +57,14 @@ class Step(NamedTuple):
     fraction : of the stability limit 2/ω_max, ω_max from the floes' own stiffness sums (eq. stable-step)
     epsilon : if given, the paper's rule instead: Δt = ε √(m_min/k_max) (Eq. 4; the paper's ε is 0.07)
     length : if given, a fixed step [s] instead
+    drag_every : the forces other than contacts act once in so many steps, for the time of all of them
     """
 
     scheme: Literal["verlet", "taylor2", "taylor3"] = "verlet"
     fraction: PositiveFraction = 0.3
     epsilon: Positive | None = None
     length: Positive | None = None
+    drag_every: Count = 1
 
 
 WALL = np.dtype(
@@ -190,9 +192,12 @@ def _(walls: None, dt):
 @jit
 def drift(
     forces, at, floes, spinning, angle, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
-    first, n, dt, parts, constraint, buffer,
+    first, n, dt, pushed, parts, constraint, buffer,
 ):  # fmt: skip
-    """Half the way, the other forces in `parts` steps, half the way; returns the largest speed² [m²/s²]."""
+    """Half the way, the other forces for a time `pushed` in `parts` steps, half the way.
+
+    Returns the largest speed² [m²/s²].
+    """
     fastest = 0.0
     half = 0.5 * dt
     for k in range(n):
@@ -205,7 +210,7 @@ def drift(
         for _ in range(parts):
             push(
                 forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin,
-                held, dt / parts, constraint, buffer,
+                held, pushed / parts, constraint, buffer,
             )  # fmt: skip
     for k in range(n):
         floe = floes[first + k]
@@ -602,17 +607,22 @@ def _(inverse_x: None, inverse_y, floes, k, wall, along_x, impulse, constraint):
 @jit
 def verlet(
     law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe, wall_number,
-    wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin,
+    wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin, drag_every, lag,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
 
     The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
     are kicked and drift a block at a time, while they are in the cache.
+
+    lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
     """
     p = packed
     pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, kicked = 0, 0.5 * dt
     while done < steps and travelled < half_skin:
+        lag[0] += dt
+        lag[1] += 1.0
+        due = lag[1] >= drag_every or done == steps - 1
         kick_walls(walls, kicked)
         fastest = drift_walls(walls, dt)
         for first in range(0, p.floes.size, BLOCK):
@@ -622,10 +632,12 @@ def verlet(
             forget(p.spinning, p.force, first, n)
             speed2 = drift(
                 forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
-                p.inverse_y, p.inverse_spin, p.held, first, n, dt, substeps[first // BLOCK],
-                constraint, force_buffer,
+                p.inverse_y, p.inverse_spin, p.held, first, n, dt, lag[0],
+                substeps[first // BLOCK] if due else 0, constraint, force_buffer,
             )  # fmt: skip
             fastest = max(fastest, speed2)
+        if due:
+            lag[:] = 0.0
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
             pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,

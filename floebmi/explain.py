@@ -4,15 +4,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from floebmi import calibration
 from floebmi.floes import FIXED
 from floebmi.forces import AirDrag, OceanDrag
 from floebmi.running import duration_text
 
 if TYPE_CHECKING:
     from floebmi.model import Model
-    from floebmi.scene import Built, Scene
+    from floebmi.scene import Built, Scene, Schedule
 
-# Floe-steps per second on one core like those of docs/benchmarks.md, in a dense pack of 10 000 floes
+# Floe-steps per second on one core like those of docs/benchmarks.md, until it is measured here
 SPEED = {"free drift": 60e6, "cohesive": 30e6, "frictional": 20e6}
 DRAG_SLOWS = 0.7  # with drag of ocean and air
 USUAL_DRAG = (1e-3, 1e-2)  # bulk coefficients that observations give [1]
@@ -28,6 +29,9 @@ def explain(scene: "Scene", built: "Built") -> str:
         f"left out, neither code nor memory: {', '.join(model.absent()) or 'nothing'}",
         _columns("size", _size(scene, model)),
     ]
+    dials = _dials(scene)
+    if dials:
+        parts.append(_columns("dials, as floebmi tradeoff measured them", dials))
     warnings = drag_warnings(model)
     if warnings:
         parts.append("\n".join(f"note: {line}" for line in warnings))
@@ -49,6 +53,27 @@ def drag_warnings(model: "Model") -> list[str]:
                     f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
                 )
     return lines
+
+
+def _dials(scene: "Scene") -> list[tuple[str, str]]:
+    """What each setting would change, if that is stored beside the scene."""
+    from floebmi import tradeoff
+
+    data = tradeoff.result(scene)
+    if data is None:
+        return []
+    of, base = data.attrs["of"], float(data.wall_per_day.sel(setting=""))
+    errors = data.error.sel(quantity=of)
+    order = data.setting.values[np.argsort(data.wall_per_day.values)]
+    return [
+        (
+            str(s) or tradeoff.AS_IT_IS,
+            f"{base / float(data.wall_per_day.sel(setting=s)):.3g} × the speed, "
+            f"error of {of} {float(errors.sel(setting=s)):.2g}",
+        )
+        for s in order
+        if s != data.attrs["reference"] and np.isfinite(errors.sel(setting=s))
+    ]
 
 
 def _columns(head: str, rows: list[tuple[str, str]]) -> str:
@@ -135,20 +160,31 @@ def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
         return [*rows, ("step", _step_text(model, np.inf))]
     schedule = scene.schedule()
     rows.append(("step", _step_text(model, schedule.exchange)))
-    step = min(model.longest_step(), schedule.exchange)
-    steps = schedule.duration / step
-    speed = _speed(model)
-    active = int(np.count_nonzero(floes.active))
     intervals = (
         f"{duration_text(schedule.duration)}, exchange every {duration_text(schedule.exchange)}, "
         f"a frame every {duration_text(schedule.every)}"
     )
-    cost = (
-        f"{steps:.3g} steps of {active} floes: about {duration_text(steps * active / speed)} at "
-        f"{speed / 1e6:.0f} million floe-steps/s, and some 20 s once to compile"
+    return [*rows, ("duration", intervals), ("cost", _cost_text(model, schedule))]
+
+
+def _cost_text(model: "Model", schedule: "Schedule") -> str:
+    steps = schedule.duration / min(model.longest_step(), schedule.exchange)
+    floes = int(np.count_nonzero(model.floes.active))
+    exchanges = np.ceil(schedule.duration / schedule.exchange)
+    cells = sum(fluid.grid.size for fluid in (model.ocean, model.atmosphere) if fluid is not None)
+    cost = calibration.stored(model)
+    if cost is not None:
+        seconds, how = cost.of(steps, exchanges, floes, cells), "as measured on this machine"
+    else:
+        speed = _speed(model)
+        seconds = steps * floes / speed
+        how = (
+            f"if this machine does {speed / 1e6:.0f} million floe-steps/s: --calibrate measures it"
+        )
+    return (
+        f"{steps:.3g} steps of {floes} floes, {exchanges:.0f} exchanges: about {duration_text(seconds)} {how}; "
+        "start, forcing from files and output come on top, and some 20 s once to compile"
     )
-    rows += [("duration", intervals), ("cost", cost)]
-    return rows
 
 
 def _step_text(model: "Model", exchange: float) -> str:

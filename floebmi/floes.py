@@ -335,3 +335,27 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
         value = float(values[row])
         right = "greater than 0" if np.isfinite(value) else "a finite number"
         raise InputError(f"floe {first + row}: {name} = {value!r} {unit}; must be {right}")
+
+
+def without_small(floes: Floes, radius: float) -> Floes:
+    """The floes of at least this radius [m], all thicker by one factor so that the volume stays.
+
+    The smallest floe sets the step of all.  Area and concentration become smaller.
+
+    Raises
+    ------
+    InputError
+        if no floe is so large.
+    """
+    keep = floes.radius >= radius
+    if keep.all():
+        return floes
+    if not keep.any():
+        raise InputError(
+            f"smallest = {radius:g} m: leaves no floe; must be at most {floes.radius.max():.4g} m"
+        )
+    kept = Floes.__new__(Floes)
+    kept._n = int(keep.sum())
+    kept._columns = {name: getattr(floes, name)[keep] for name in floes._columns}
+    kept.thickness *= floes.volume.sum() / kept.volume.sum()
+    return kept

@@ -245,6 +245,11 @@ class Model:
         if self.step.epsilon is not None and self.step.length is not None:
             raise InputError("step.epsilon and step.length exclude each other; give one")
         check([self.step])
+        if self.step.drag_every > 1 and self.step.scheme != "verlet":
+            raise InputError(
+                f"step.drag_every = {self.step.drag_every}: is of the scheme verlet; "
+                f"{self.step.scheme} has drag in every step: leave it out"
+            )
         for name in ("ice_density", "draft_fraction"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

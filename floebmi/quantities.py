@@ -13,6 +13,7 @@ from floebmi.errors import InputError
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
 PositiveFraction = Annotated[float, Gt(0), Le(1)]
+Count = Annotated[int, Ge(1)]
 PoissonRatio = Annotated[float, Ge(0), Le(0.5)]
 
 _BOUNDS = {
@@ -40,13 +41,15 @@ def check(laws: Iterable[object]) -> None:
 
 def _check_number(place: str, value: object, hint: object) -> None:
     parts = list(_parts(hint))
-    if float not in parts or (value is None and type(None) in parts):
+    whole = int in parts
+    if not (whole or float in parts) or (value is None and type(None) in parts):
         return
     values = value if tuple in parts and isinstance(value, tuple) else (value,)
     for one in values:
-        number = isinstance(one, numbers.Real) and not isinstance(one, bool)
-        if not (number and math.isfinite(one)):
-            raise InputError(f"{place} = {value!r}: must be a finite number")
+        number = isinstance(one, numbers.Integral if whole else numbers.Real)
+        if isinstance(one, bool) or not (number and math.isfinite(one)):
+            what = "whole" if whole else "finite"
+            raise InputError(f"{place} = {value!r}: must be a {what} number")
         for part in parts:
             if type(part) in _BOUNDS:
                 name, holds, words = _BOUNDS[type(part)]

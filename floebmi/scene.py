@@ -31,7 +31,15 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose
-from floebmi.floes import DRIVEN, FIXED, FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
+from floebmi.floes import (
+    DRIVEN,
+    FIXED,
+    FIXED_ROTATION,
+    FIXED_X,
+    FIXED_Y,
+    Floes,
+    without_small,
+)
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
@@ -224,6 +232,9 @@ class Group(Table):
         description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
         "['x', 'y', 'rotation']",
     )
+    smallest: NonNegative = Field(
+        0.0, description="smaller floes are left out, the others thicker: the mass stays [m]"
+    )
 
     @model_validator(mode="after")
     def _fixed_floes_stand_still(self) -> Self:
@@ -231,7 +242,8 @@ class Group(Table):
             raise InputError("motion = 'fixed' stands still; with a velocity it is 'driven'")
         return self
 
-    def move(self, floes: Floes) -> Floes:
+    def finish(self, floes: Floes) -> Floes:
+        floes = without_small(floes, self.smallest)
         if "velocity" in self.model_fields_set:
             floes.u, floes.v = self.velocity
         if "motion" in self.model_fields_set:
@@ -711,7 +723,7 @@ class Scene(Table):
         groups = []
         for k, group in enumerate(self.floes):
             with self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
-                groups.append(group.move(self._arrange(group, k, domain, grid, coast)))
+                groups.append(group.finish(self._arrange(group, k, domain, grid, coast)))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
         with self.place(""):
             model = Model(

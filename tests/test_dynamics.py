@@ -7,11 +7,12 @@ from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, Elastic, frictional
 from floebmi.dynamics import Step
-from floebmi.errors import StabilityError
+from floebmi.errors import InputError, StabilityError
 from floebmi.floes import FIXED, FIXED_Y, Floes
 from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag
 from floebmi.model import Model
 from floebmi.pack import stable_step
+from floebmi.packing import relax
 
 DOMAIN = Domain((-500.0, 500.0), (-500.0, 500.0))
 PAPER = Step("taylor3", epsilon=0.07)
@@ -308,3 +309,28 @@ def test_no_floe_one_floe_and_two_floes_run(n):
     model.fields()
     assert model.ledger.balance("momentum_x").relative < 1e-12
     assert n == 0 or (floes.u > 0).all()
+
+
+def test_drag_once_in_several_steps_gives_its_whole_impulse_and_nearly_the_same_way():
+    def drift(**step):
+        rng = np.random.default_rng(1)
+        floes = Floes(*rng.uniform(-9, 9, (2, 12)), 2.0, 1.0)
+        relax(floes, DOMAIN)
+        model = Model(DOMAIN, floes, frictional(), [OceanDrag(), AirDrag()], step=Step(**step))
+        model.atmosphere.u[:] = 20.0
+        for _ in range(3):
+            model.advance(33.3)
+        assert model.ledger.balance("momentum_x").relative < 1e-13
+        return model
+
+    each, seldom = drift(), drift(drag_every=7)
+    assert seldom.counters.steps == each.counters.steps
+    given, same = (m.ledger.accounts["wind"][1] for m in (seldom, each))
+    assert given == pytest.approx(same, rel=1e-8) and given != same
+    assert seldom.floes.x == pytest.approx(each.floes.x, abs=0.004)
+
+
+@pytest.mark.parametrize("k", [0, 2.5, True])
+def test_a_number_of_steps_that_is_none_is_refused(k):
+    with pytest.raises(InputError, match=r"Step.drag_every = .*must be"):
+        Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), step=Step(drag_every=k))

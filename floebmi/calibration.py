@@ -1,0 +1,95 @@
+"""What a floe-step and an exchange cost on this machine: measured on a scene, kept for scenes of its kind.
+
+Scenes are of one kind if they run the same machine code: the same parts of a contact law, the same forces.
+"""
+
+import json
+import os
+import platform
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import platformdirs
+
+if TYPE_CHECKING:
+    from floebmi.model import Model
+    from floebmi.scene import Built
+
+MEASURED_FOR = 3.0  # [s]
+SHORT, LONG = 2, 60  # steps of the exchanges that are compared; more of few floes
+FLOE_STEPS = 2e5  # at least, of the long one
+
+
+class Cost(NamedTuple):
+    """Seconds of one core for a step of one floe, and for an exchange of one floe or cell."""
+
+    floe_step: float
+    exchange: float
+
+    def of(self, steps: float, exchanges: float, floes: int, cells: int) -> float:
+        """Of a run [s]: ice alone, without forcing from files, output and pictures."""
+        return self.floe_step * steps * floes + self.exchange * exchanges * (floes + cells)
+
+
+def kind(model: "Model") -> str:
+    """What sets the machine code of a model, in words."""
+    contact = () if model.contact is None else model.contact
+    names = [type(part).__name__ for part in (*contact, *model.forces) if part is not None]
+    words = ["rotation"] * model.floes.rotation + [model.step.scheme, model.sampling]
+    every = [f"drag every {model.step.drag_every}"] * (model.step.drag_every > 1)
+    return ", ".join([*names, *words, *every])
+
+
+def measure(built: "Built") -> Cost:
+    """Run the start of a scene for a few seconds; the model is then used up."""
+    model = built.model
+    for source, fluid in ((built.ocean, model.ocean), (built.atmosphere, model.atmosphere)):
+        if source is not None and fluid is not None:
+            source.fill(0.0, fluid.u, fluid.v)
+    step = model.longest_step()
+    step = step if np.isfinite(step) else 60.0
+    model.advance(SHORT * step)  # compiles
+    floes = max(int(np.count_nonzero(model.floes.active)), 1)
+    more = max(LONG, min(int(FLOE_STEPS / floes), 5000))
+    rows, begin = [], time.perf_counter()
+    while time.perf_counter() - begin < MEASURED_FOR or len(rows) < 3:
+        pair = []
+        for steps in (SHORT, more):
+            before, start = model.counters.floe_steps, time.perf_counter()
+            model.advance(steps * step)
+            pair.append((time.perf_counter() - start, model.counters.floe_steps - before))
+        rows.append(pair)
+    (short, few), (long, many) = np.median(rows, axis=0)
+    floe_step = max(long - short, 0.0) / (many - few) if many > few else 0.0
+    cells = sum(fluid.grid.size for fluid in (model.ocean, model.atmosphere) if fluid is not None)
+    return Cost(float(floe_step), float(max(short - few * floe_step, 0.0) / (floes + cells)))
+
+
+def _file() -> Path:
+    root = os.environ.get("FLOEBMI_CACHE") or platformdirs.user_cache_dir("floebmi")
+    return Path(root) / f"costs-{platform.node()}.json"
+
+
+def _all() -> dict[str, list[float]]:
+    try:
+        return json.loads(_file().read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # none yet, or cut short: it is measured again
+        return {}
+
+
+def stored(model: "Model") -> Cost | None:
+    """What was measured on this machine for models of this kind."""
+    found = _all().get(kind(model))
+    return None if found is None else Cost(*found)
+
+
+def keep(model: "Model", cost: Cost) -> Path:
+    """Store a measurement for models of this kind; returns the file."""
+    path = _file()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(_all() | {kind(model): list(cost)}, indent=1), encoding="utf-8")
+    part.replace(path)
+    return path

@@ -1,0 +1,562 @@
+"""Speed against accuracy: a scene run with its dials turned, each setting against a fine reference.
+
+A setting is what one would write behind `--set`, such as "step.fraction=0.5 sampling=centre"; the empty one is
+the scene as it is.  Each runs with several seeds, in an ensemble; what it costs is seconds on the clock
+for a simulated day, and its errors are those of what a user looks at, relative to the reference.
+
+A scene is quiet if a nudge of its floes by a millionth of a radius hardly changes what is compared; its
+settings are then compared pointwise, frame by frame and cell by cell.  Else it is chaotic: no step is short
+enough to follow the floes one by one, and means over time and seeds are compared.  The seeds are the
+same for all settings, and the spread of their differences says how far the error is known.
+"""
+
+import hashlib
+import json
+import shlex
+import textwrap
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from floebmi import ensemble
+from floebmi.ensemble import Output
+from floebmi.errors import InputError
+from floebmi.grid import Grid
+from floebmi.gridding import cell_fields, internal_stress, pressure
+from floebmi.sampling import coverage
+from floebmi.scene import Built, Scene, read_scene
+from floebmi.vorticity import gradient_operators
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from floebmi.model import Model
+
+NUDGED = "nudged"  # ends the name of the reference whose floes are moved by NUDGE of their radius
+NUDGE = 1e-6
+SEES = (
+    0.1  # a nudge that changes a quantity by more than this share of the error asked for is chaos
+)
+AS_IT_IS = "(the scene as it is)"
+REFERENCE_FRACTION = 0.1
+COMPARED = {  # of each frame; and what it is
+    "transport": "mass that has left through the edges",
+    "drift": "mean displacement of the ice, by mass",
+    "area_fraction": "concentration in the cells",
+    "velocity": "momentum of the ice in the cells",
+    "stress": "internal pressure in the cells",
+}
+OUTPUTS = {
+    "transport": Output(("frame",), "kg", "mass that has left through the edges"),
+    "drift": Output(("frame", "axis"), "m", "mean displacement of the ice, by mass"),
+    "area_fraction": Output(("frame", "cell"), "1", "area of floes over that of the cell"),
+    "velocity": Output(("frame", "axis", "cell"), "kg m-1 s-1", "momentum per area of the cell"),
+    "stress": Output(("frame", "cell"), "N m-1", "internal pressure"),
+    "energy_residual": Output((), "1", "residual of the energy over what was exchanged"),
+    "inertia_number": Output((), "1", "I = γ̇ d √(ρ/N), from the gridded strain rate and pressure"),
+    "floe_steps": Output((), "1", "floes times steps"),
+    "wall": Output((), "s", "on the clock, after the first exchange"),
+    "wall_per_day": Output((), "s", "on the clock for a simulated day"),
+}
+SUFFIX = ".tradeoff.nc"
+FRONT, OTHERS = "#D55E00", "#0072B2"
+
+
+class Measured(NamedTuple):
+    """The result: data set, the file, whether the scene is chaotic and why, what failed."""
+
+    data: "xr.Dataset"
+    path: Path
+    why: str
+    failures: list[ensemble.Failure]
+
+
+# ---- the dials --------------------------------------------------------------------------------------
+
+
+def settings(scene: Scene, model: "Model") -> dict[str, list[str]]:
+    """What is tried of each dial of a scene, as texts for `--set`; the model is that of the scene."""
+    law, step = model.contact, model.step
+    dials: dict[str, list[str]] = {}
+    bounded = bool(model.wall_edges)
+    kind = "none" if law is None else "frictional" if law.friction else "cohesive"
+    words = ["frictional", "cohesive"] + ([] if bounded else ["none"])
+    dials["contact"] = [f"contact={word}" for word in words if word != kind]
+    if law is not None:
+        if step.scheme == "verlet" and step.epsilon is None and step.length is None:
+            dials["step"] = [f"step.fraction={f:g}" for f in (0.15, 0.5, 0.8) if f != step.fraction]
+        key = "contact.youngs_modulus" if _is_model(scene) else "contact.elastic.youngs_modulus"
+        modulus = law.elastic.youngs_modulus
+        dials["stiffness"] = [f"{key}={modulus / by:.4g}" for by in (4, 16, 64)]
+        if scene.preset is None:
+            dials["preset"] = ["preset=damsgaard2018"]
+    if model.forces and step.scheme == "verlet":
+        dials["drag"] = [f"step.drag_every={k}" for k in (4, 16)]
+    if len(scene.floes) == 1:
+        radius = model.floes.radius[model.floes.active & ~model.floes.land]
+        cuts = [by * radius.min() for by in (1.5, 2.0, 3.0) if by * radius.min() < radius.max() / 2]
+        dials["smallest floe"] = [f"floes.smallest={cut:.4g}" for cut in cuts]
+    if model.ocean is not None or model.atmosphere is not None:
+        if scene.sampling == "overlap" and scene.grid is not None:
+            dials["sampling"] = ["sampling=centre"]
+        exchange, every = scene.schedule().exchange, scene.schedule().every
+        longer = [by * exchange for by in (2, 4) if every % (by * exchange) == 0]
+        dials["exchange"] = [f"time.exchange={e:g}" for e in longer]
+    return {dial: texts for dial, texts in dials.items() if texts}
+
+
+def _is_model(scene: Scene) -> bool:
+    return isinstance(scene.contact, str) or getattr(scene.contact, "model", "") != "parts"
+
+
+def reference(scene: Scene, model: "Model") -> str:
+    """The fine setting that the others are compared with."""
+    fine = []
+    if model.contact is not None:
+        fine.append(f"step.fraction={REFERENCE_FRACTION:g}")
+    if model.ocean is not None or model.atmosphere is not None:
+        fine.append(f"time.exchange={scene.schedule().exchange / 4:g}")
+    return " ".join(fine)
+
+
+# ---- one run ----------------------------------------------------------------------------------------
+
+
+def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
+    """One run of a setting: arrays by the names of `OUTPUTS`."""
+    changes = shlex.split(parameters["setting"])
+    nudged = NUDGED in changes
+    changes = [*parameters["overrides"], *(c for c in changes if c != NUDGED), f"seed={seed}"]
+    scene = read_scene(parameters["scene"], changes)
+    built = scene.build()
+    model = built.model
+    if nudged:
+        free = model.floes.active & (model.floes.motion == 0)
+        model.floes.x[free] += NUDGE * model.floes.radius[free]
+    grid = _grid(scene, model)
+    schedule = scene.schedule(parameters["duration"])
+    sources = ((built.ocean, model.ocean), (built.atmosphere, model.atmosphere))
+    frames, spent, first, drift = [], 0.0, 0.0, np.zeros(2)
+    for k in range(1, round(schedule.duration / schedule.exchange) + 1):
+        for source, fluid in sources:
+            if source is not None and fluid is not None:
+                source.fill((k - 0.5) * schedule.exchange, fluid.u, fluid.v)
+        before = time.perf_counter()
+        model.advance(k * schedule.exchange - model.time)
+        spent += time.perf_counter() - before
+        first = first or spent  # in which kernels are compiled or loaded
+        mass, *momentum = model.ledger.now[:3]
+        drift = drift + schedule.exchange * np.array(momentum) / (mass or 1.0)
+        if k % round(schedule.every / schedule.exchange) == 0:
+            frames.append(_frame(model, grid, drift))
+    result = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
+    rest = max(model.time - schedule.exchange, schedule.exchange)
+    wall = spent - first if model.time > schedule.exchange else spent
+    return {
+        "time": schedule.every * np.arange(1, len(frames) + 1),
+        **result,
+        "energy_residual": np.array(model.ledger.balance("energy").relative),
+        "inertia_number": np.array(_inertia_number(model, grid, result)),
+        "floe_steps": np.array(float(model.counters.floe_steps)),
+        "wall": np.array(wall),
+        "wall_per_day": np.array(wall * 86400.0 / rest),
+    }
+
+
+def _grid(scene: Scene, model: "Model") -> Grid:
+    """Where fields are compared: the scene's exchange grid, or 8 × 8 cells."""
+    if scene.grid is not None:
+        return model.grid
+    return Grid.uniform(model.domain.x, model.domain.y, shape=(8, 8))
+
+
+def _frame(model: "Model", grid: Grid, drift: np.ndarray) -> dict[str, np.ndarray]:
+    f, contacts, period = model.floes, model.contacts(), model.domain.period
+    ice = f.active & ~f.land
+    areas = coverage(grid, f.x, f.y, f.radius, period, of=ice)
+    fields = cell_fields(grid, areas, f.thickness, f.u, f.v, f.radius, model.ice_density)
+    stress = internal_stress(
+        grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy, contacts.fx, contacts.fy,
+        period,
+    )  # fmt: skip
+    velocity = np.array([fields["ice_velocity_x"], fields["ice_velocity_y"]])
+    return {
+        "transport": -model.ledger.accounts.get("outflow", np.zeros(4))[0],
+        "drift": drift,
+        "area_fraction": fields["area_fraction"] + fields["overlap_fraction"],
+        "velocity": fields["mass_per_area"] * velocity,
+        "stress": pressure(stress.xx, stress.yy),
+    }
+
+
+def _inertia_number(model: "Model", grid: Grid, frames: Mapping[str, np.ndarray]) -> float:
+    """I = γ̇ d √(ρ/N) (Eq. 3), γ̇ the largest shear rate of the mean gridded velocity, N the mean pressure."""
+    mass = model.ice_density * model.floes.thickness.mean() * frames["area_fraction"]
+    u, v = np.moveaxis(frames["velocity"] / np.maximum(mass, 1e-12)[:, None], 1, 0).mean(axis=1)
+    along_x, along_y = gradient_operators(grid)
+    rate = np.hypot(along_x @ u - along_y @ v, along_y @ u + along_x @ v)
+    iced = frames["area_fraction"].mean(axis=0) > 0.15
+    normal = frames["stress"].mean(axis=0)[iced].mean() / model.floes.thickness.mean() if iced.any() else 0.0  # fmt: skip
+    if not normal > 0:
+        return np.nan
+    diameter = 2 * model.floes.radius[~model.floes.land].mean()
+    return float(np.sqrt((rate[iced] ** 2).mean()) * diameter * np.sqrt(model.ice_density / normal))
+
+
+# ---- many runs --------------------------------------------------------------------------------------
+
+
+def tradeoff(
+    scene_file: str | Path,
+    overrides: Sequence[str] = (),
+    *,
+    error: float = 0.05,
+    of: str | None = None,
+    seeds: int = 3,
+    duration: float | None = None,
+    budget: float | None = None,
+    to: str | Path | None = None,
+    jobs: int | None = None,
+    progress: bool = False,
+) -> Measured:
+    """Measure what the dials of a scene cost and gain, alone and together.
+
+    Parameters
+    ----------
+    scene_file, overrides : as for `read_scene`
+    error : that a recommended setting may have, relative to the reference
+    of : the quantity whose error counts, one of `COMPARED`; default: transport where floes leave, drift where
+        wind or water moves them, else velocity
+    seeds : number of seeds, 1, 2, …
+    duration : simulated time of each run [s]; default: the scene's, or what the budget allows
+    budget : minutes that all may take; the runs are made shorter to fit
+    to : NetCDF file to make; finished runs are kept beside it
+    jobs : processes
+
+    Raises
+    ------
+    InputError
+        for a scene or a number that cannot be right.
+    """
+    overrides = list(overrides)
+    scene = read_scene(scene_file, overrides)
+    to = Path(f"{scene.name}{SUFFIX}") if to is None else Path(to)
+    if of is not None and of not in COMPARED:
+        raise InputError(f"of = {of!r}: must be one of {', '.join(COMPARED)}")
+    if not 0 < error < 1:
+        raise InputError(f"error = {error!r}: must be between 0 and 1")
+    if seeds < 1:
+        raise InputError(f"seeds = {seeds!r}: must be at least 1")
+    built = scene.build()
+    dials, fine = settings(scene, built.model), reference(scene, built.model)
+    if not fine:
+        raise InputError(f"{scene.file}: has neither contacts nor fluids: there is no dial to turn")
+    tried = [fine, f"{fine} {NUDGED}", "", *(text for texts in dials.values() for text in texts)]
+    # what moves is moved by forces, or moves by itself and keeps its momentum
+    usual = ("transport", "drift", "velocity") if scene.forces() else ("transport", "velocity")
+    schedule = scene.schedule(duration)
+    if budget is not None:
+        schedule = schedule._replace(
+            duration=_affordable(scene, built, budget, len(tried), seeds, jobs)
+        )
+    shared = {
+        "scene": str(scene.file),
+        "text": _hash(scene.text),
+        "overrides": overrides,
+        "duration": schedule.duration,
+    }
+    members = to.with_name(f"{to.name}.members")
+
+    def run(texts: Sequence[str]) -> ensemble.Ensemble:
+        return ensemble.run(
+            member, shared, {"setting": texts}, range(1, seeds + 1), members,
+            jobs=jobs, code=lambda p: p["setting"], progress=progress,
+        )  # fmt: skip
+
+    data, why = _compare(run(tried), fine, error, of, usual)
+    for text in _combined(dials, data, error):
+        tried.append(text)
+        done = run(tried)
+        data, why = _compare(done, fine, error, of, usual)
+        if _acceptable(data, error).sel(setting=text):
+            break
+    else:
+        done = run(tried)
+    data.attrs |= {
+        "title": f"speed against accuracy of the scene {scene.name}",
+        "scene_hash": shared["text"],
+        "duration": schedule.duration,
+        "comparison": why,
+        "overrides": json.dumps(overrides),
+    }
+    ensemble.save(data, to)
+    return Measured(data, to, why, done.failures)
+
+
+def _affordable(
+    scene: Scene, built: Built, budget: float, settings: int, seeds: int, jobs: int | None
+) -> float:
+    """The part of a scene's time [s] for which all runs fit into `budget` minutes; whole frames of it."""
+    schedule, model, begin = scene.schedule(), built.model, None
+    for k in range(4):  # the first compiles
+        for source, fluid in ((built.ocean, model.ocean), (built.atmosphere, model.atmosphere)):
+            if source is not None and fluid is not None:
+                source.fill(model.time, fluid.u, fluid.v)
+        model.advance(schedule.exchange)
+        begin = time.perf_counter() if k == 0 else begin
+    each = (time.perf_counter() - begin) / 3
+    runs = seeds * (
+        settings + 8
+    )  # the reference and the paper's preset take longer, combinations follow
+    exchanges = 60.0 * budget * (jobs or ensemble._cores()) / (runs * each)
+    frames = int(exchanges * schedule.exchange / schedule.every)
+    if frames < 2:
+        least = (
+            2 * schedule.every / schedule.exchange * runs * each / 60 / (jobs or ensemble._cores())
+        )
+        raise InputError(
+            f"budget = {budget:g} minutes: too few for two frames of {runs} runs; must be at least {least:.2g}"
+        )
+    return min(schedule.duration, frames * schedule.every)
+
+
+def _compare(
+    done: ensemble.Ensemble, fine: str, error: float, of: str | None, usual: Sequence[str]
+) -> tuple["xr.Dataset", str]:
+    """Costs and errors of all settings, and in words how they were compared."""
+    import xarray as xr
+
+    times = {"time": Output(("frame",), "s", "since the start")}
+    runs = ensemble.gather(done, OUTPUTS, times)
+    base = runs.sel(setting=fine)
+    nudged = runs.sel(setting=f"{fine} {NUDGED}")
+    quantities = [q for q in COMPARED if np.abs(base[q]).max() > 0]
+    if not quantities:
+        raise InputError("tradeoff: nothing moves in this scene: there is nothing to compare")
+    of = of or next(q for q in usual if q in quantities)
+    if of not in quantities:
+        raise InputError(
+            f"of = {of!r}: is zero in this scene; must be one of {', '.join(quantities)}"
+        )
+    grown = {q: float(_pointwise(nudged[q], base[q]).max()) for q in quantities}
+    worst = max(grown, key=lambda q: grown[q])
+    chaotic = grown[worst] > SEES * error
+    n = runs.sizes["seed"]
+    why = (
+        f"a nudge of the floes by {NUDGE:g} of their radius changes {worst} by {grown[worst]:.1g}: "
+        + (f"chaotic, so means over time and {n} seeds are compared" if chaotic else "quiet, so frames and cells are compared one by one")
+    )  # fmt: skip
+    kept = [str(s) for s in runs.setting.values if not str(s).endswith(NUDGED)]
+    data = xr.Dataset(coords={"setting": kept, "quantity": quantities})
+    errors = np.full((len(kept), len(quantities), 2), np.nan)
+    for s, setting in enumerate(kept):
+        for q, name in enumerate(quantities):
+            one, other = runs[name].sel(setting=setting), base[name]
+            errors[s, q] = (
+                _of_means(one, other) if chaotic else (_pointwise(one, other).mean(), 0.0)
+            )
+    data["error"] = ("setting", "quantity"), errors[..., 0], {"units": "1", "long_name": "relative to the reference"}  # fmt: skip
+    data["noise"] = ("setting", "quantity"), errors[..., 1], {"units": "1", "long_name": "of the error, from the spread over seeds"}  # fmt: skip
+    one = runs.sel(setting=kept)
+    for name in ("wall_per_day", "energy_residual", "inertia_number"):
+        data[name] = one[name].median("seed")
+    data["speed"] = (one.floe_steps / one.wall).median("seed")
+    data["speed"].attrs = {"units": "s-1", "long_name": "floe-steps per second"}
+    data["wall_per_day"].attrs = {"units": "s", "long_name": OUTPUTS["wall_per_day"].long_name}
+    data.attrs = {"reference": fine, "of": of, "seeds": n}
+    return data, why
+
+
+def _pointwise(one: "xr.DataArray", other: "xr.DataArray") -> "xr.DataArray":
+    """‖one − other‖/‖other‖ over frames and cells, for each seed."""
+    dims = [d for d in other.dims if d != "seed"]
+    return np.sqrt(((one - other) ** 2).sum(dims, skipna=False) / (other**2).sum(dims))
+
+
+def _of_means(one: "xr.DataArray", other: "xr.DataArray") -> tuple[float, float]:
+    """‖mean of differences‖/‖mean‖ over time and seeds, and how far the seeds' spread lets it be known."""
+    other = other.mean("frame")
+    difference = one.mean("frame") - other
+    size = np.sqrt(float((other.mean("seed") ** 2).sum()))
+    n = difference.sizes["seed"]
+    mean = np.sqrt(float((difference.mean("seed", skipna=False) ** 2).sum(skipna=False)))
+    spread = float(difference.var("seed", ddof=1).sum()) if n > 1 else np.nan
+    return mean / size, np.sqrt(spread / n) / size
+
+
+def _acceptable(data: "xr.Dataset", error: float) -> "xr.DataArray":
+    """Settings whose error is no larger than asked for, or than the seeds can tell."""
+    here = data.sel(quantity=data.attrs["of"])
+    return (here.error <= error) | (here.error <= here.noise)
+
+
+def _combined(
+    dials: Mapping[str, Sequence[str]], data: "xr.Dataset", error: float
+) -> Iterator[str]:
+    """The best of each dial together; then without the one that errs most, and so on."""
+    cost = data.wall_per_day / data.wall_per_day.sel(setting="")
+    fine, best = _acceptable(data, error), {}
+    for dial, texts in dials.items():
+        good = [t for t in texts if fine.sel(setting=t) and cost.sel(setting=t) < 0.95]
+        if good and dial != "preset":
+            best[dial] = min(good, key=lambda t: float(cost.sel(setting=t)))
+    errors = data.error.sel(quantity=data.attrs["of"])
+    if best.get("contact") == "contact=none":
+        for dial in best.keys() & {"step", "stiffness"}:  # of contacts
+            del best[dial]
+    while len(best) > 1:
+        yield " ".join(best.values())
+        best.pop(max(best, key=lambda dial: float(errors.sel(setting=best[dial]))))
+
+
+# ---- what to say ------------------------------------------------------------------------------------
+
+
+def recommended(data: "xr.Dataset", error: float) -> str | None:
+    """The fastest setting whose error is at most `error`, or None."""
+    good = [
+        str(s) for s in data.setting.values[_acceptable(data, error).values]
+        if s != data.attrs["reference"]
+    ]  # fmt: skip
+    cost = data.wall_per_day
+    return min(good, key=lambda s: float(cost.sel(setting=s))) if good else None
+
+
+def front(data: "xr.Dataset") -> list[str]:
+    """Settings that no other beats in both cost and error, the fastest first."""
+    errors, found, least = data.error.sel(quantity=data.attrs["of"]), [], np.inf
+    for k in np.argsort(data.wall_per_day.values):
+        if errors.values[k] < least and np.isfinite(data.wall_per_day.values[k]):
+            found.append(str(data.setting.values[k]))
+            least = float(errors.values[k])
+    return found
+
+
+def table(data: "xr.Dataset") -> str:
+    """Settings in the order of their cost, a line each."""
+    names = [str(q) for q in data["quantity"].values]
+    base = float(data.wall_per_day.sel(setting=""))
+    on_front = front(data)
+    width = max(len(AS_IT_IS), *(len(str(s)) for s in data.setting.values))
+    head = f"  {'setting':<{width}}  {'s/day':>8}  {'× speed':>8}" + "".join(
+        f"{n:>22}" for n in names
+    )
+    lines = [f"{head}{'energy':>10}{'I':>9}"]
+    for k in np.argsort(data.wall_per_day.values):
+        one = data.isel(setting=k)
+        text = str(one.setting.item())
+        mark = "*" if text in on_front else " "
+        cells = "".join(f"{_with_noise(one.sel(quantity=n)):>22}" for n in names)
+        cost = float(one.wall_per_day)
+        inertia = float(one.inertia_number)
+        lines.append(
+            f"{mark} {text or AS_IT_IS:<{width}}  {cost:>8.3g}  {base / cost:>8.2f}{cells}"
+            f"{float(one.energy_residual):>10.0e}" + (f"{inertia:>9.0e}" if np.isfinite(inertia) else f"{'–':>9}")
+        )  # fmt: skip
+    return "\n".join(lines)
+
+
+def _with_noise(one: "xr.Dataset") -> str:
+    error, noise = float(one.error), float(one.noise)
+    if error == 0.0:
+        return "0"
+    return f"{error:.2g}" + (f" ± {noise:.1g}" if noise > 0 else "")
+
+
+def figure(data: "xr.Dataset", title: str) -> "Figure":
+    """Error against cost of each setting, with the front."""
+    import matplotlib
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
+
+    from floebmi import plot
+
+    of, on_front = data.attrs["of"], front(data)
+    here = data.sel(quantity=of)
+    here = here.isel(setting=np.argsort(here.wall_per_day.values))
+    here = here.where(here.error > 0, drop=True)
+    with matplotlib.rc_context(plot.style() | {"axes.facecolor": "white"}):
+        drawn, (ax, names) = plt.subplots(
+            1, 2, figsize=(10.5, 4.6), layout="constrained", width_ratios=(1, 0.95)
+        )
+        line = [s for s in on_front if s in here.setting.values]
+        ax.plot(
+            here.wall_per_day.sel(setting=line), here.error.sel(setting=line), "-", color=FRONT,
+            lw=1.2, zorder=1, label="front: nothing is both faster and better",
+        )  # fmt: skip
+        names.axis("off")
+        for k, s in enumerate(here.setting.values):
+            one = here.sel(setting=s)
+            place = float(one.wall_per_day), float(one.error)
+            colour = FRONT if s in on_front else OTHERS
+            noise = float(one.noise)
+            if noise > 0:
+                low = min(noise, 0.7 * place[1])
+                ax.errorbar(*place, [[low], [noise]], fmt="none", ecolor="#b0b0b0", elinewidth=0.8)
+            ax.plot(*place, "o", ms=11, mfc="white", mec=colour, zorder=2)
+            ax.annotate(
+                str(k + 1), place, ha="center", va="center", fontsize=6.5, color=colour, zorder=3
+            )
+            words = textwrap.fill(str(s) or AS_IT_IS, 58, subsequent_indent="      ")
+            names.text(
+                0.0, 1.0 - (k + 0.5) / len(here.setting), f"{k + 1:>2}  {words}", fontsize=7,
+                color=colour, va="center", transform=names.transAxes,
+            )  # fmt: skip
+        ax.set(
+            xscale="log", yscale="log", title=title, xlabel="seconds on the clock for a simulated day",
+            ylabel=f"error of {of} [1]\n({COMPARED[of]})",
+        )  # fmt: skip
+        ax.yaxis.set_minor_formatter(NullFormatter())
+        ax.legend(loc="best", fontsize=7)
+    return drawn
+
+
+# ---- using it ---------------------------------------------------------------------------------------
+
+
+def stored(scene: Scene) -> Path:
+    """Where the result for a scene is looked for: beside it."""
+    return scene.file.with_suffix(SUFFIX)
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def result(scene: Scene) -> "xr.Dataset | None":
+    """The result that is stored beside a scene; None if there is none for this text of it."""
+    import xarray as xr
+
+    path = stored(scene)
+    if not path.exists():
+        return None
+    with xr.open_dataset(path) as data:
+        data.load()
+    return data if data.attrs.get("scene_hash") == _hash(scene.text) else None
+
+
+def chosen(scene: Scene, accuracy: float) -> str:
+    """The setting that a stored result recommends for an accuracy.
+
+    Raises
+    ------
+    InputError
+        if there is no result beside the scene, it is of another text of the scene, or nothing is so accurate.
+    """
+    path, data = stored(scene), result(scene)
+    make = f"floebmi tradeoff {scene.file} --to {path} makes it"
+    if not path.exists():
+        raise InputError(f"--accuracy: there is no {path.name} beside {scene.file}; {make}")
+    if data is None:
+        raise InputError(f"{path}: was measured for another text of {scene.file}; {make} anew")
+    setting = recommended(data, accuracy)
+    if setting is None:
+        least = float(data.error.sel(quantity=data.attrs["of"]).where(data.error > 0).min())
+        raise InputError(
+            f"--accuracy {accuracy:g}: no setting in {path} is so accurate; must be at least {least:.2g}"
+        )
+    return setting

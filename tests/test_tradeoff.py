@@ -1,0 +1,187 @@
+"""Speed against accuracy: what is compared with what, and which setting is recommended."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from floebmi import calibration, tradeoff
+from floebmi.cli import floebmi as command
+from floebmi.errors import InputError
+from floebmi.floes import Floes, without_small
+from floebmi.scene import read_scene
+
+SCENE = """
+title = "a few floes that meet"
+contact = "frictional"
+[domain]
+x = [0, 400]
+y = [0, 400]
+edges = "periodic"
+[floes]
+size = { distribution = "power_law", radius_min = 10, radius_max = 40 }
+concentration = 0.2
+velocity = [0.1, 0.05]
+[time]
+duration = 60
+[output]
+every = 15
+"""
+TWO = """arrangement = "list"
+each = [
+    { x = 150, y = 150, radius = 10, u = 0.5 },
+    { x = 175, y = 158, radius = 15 },
+]
+"""
+PACK = SCENE[SCENE.index("size =") : SCENE.index("[time]")]
+QUIET = SCENE.replace(PACK, TWO)
+STREAM = """[[floes]]
+size = { distribution = "power_law", radius_min = 10, radius_max = 30 }
+concentration = 0.6
+x = [WEST, EAST]
+velocity = [SPEED, 0]
+"""
+CHAOTIC = SCENE.replace("[floes]\n" + PACK, "".join(
+    STREAM.replace("WEST", west).replace("EAST", east).replace("SPEED", speed)
+    for west, east, speed in (("0", "200", "0.5"), ("200", "400", "-0.5"))
+)).replace("duration = 60", "duration = 300").replace("every = 15", "every = 60")  # fmt: skip
+
+
+@pytest.fixture
+def few_dials(monkeypatch):
+    """Dials that all run the same machine code."""
+    dials = {"step": ["step.fraction=0.8"], "stiffness": ["contact.youngs_modulus=5e+06"]}
+    monkeypatch.setattr(tradeoff, "settings", lambda scene, model: dials)
+
+
+def scene_file(folder, text):
+    path = folder / "pack.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_quiet_scene_is_compared_pointwise_and_the_fastest_accurate_setting_is_run(
+    tmp_path, few_dials
+):
+    path = scene_file(tmp_path, QUIET)
+    told = CliRunner().invoke(
+        command, ["tradeoff", str(path), "--seeds", "1", "--jobs", "1", "--to", str(path.with_suffix(".tradeoff.nc")), "--quiet"]
+    )  # fmt: skip
+    assert told.exit_code == 0, told.output
+    assert path.with_suffix(".tradeoff.png").stat().st_size > 10_000
+    scene = read_scene(path)
+    data = tradeoff.result(scene)
+    assert "quiet" in data.comparison and data.of == "velocity"
+    errors = data.error.sel(quantity="velocity")
+    assert errors.sel(setting=data.reference) == 0.0
+    assert 0 < errors.sel(setting="") < errors.sel(setting="step.fraction=0.8")
+    assert tradeoff.chosen(scene, 0.9) == tradeoff.recommended(data, 0.9)
+    with pytest.raises(InputError, match="no setting in .* is so accurate; must be at least"):
+        tradeoff.chosen(scene, 1e-12)
+    ran = CliRunner().invoke(
+        command, ["run", str(path), "--accuracy", "0.9", "--to", str(tmp_path / "out")]
+    )
+    assert ran.exit_code == 0 and "accuracy 0.9: " in ran.output, ran.output
+    told = CliRunner().invoke(command, ["explain", str(path)])
+    assert "step.fraction=0.8 " in told.output and "× the speed, error of velocity" in told.output
+
+
+def test_a_result_of_another_text_of_the_scene_is_refused(tmp_path):
+    scene = read_scene(scene_file(tmp_path, QUIET))
+    with pytest.raises(InputError, match="there is no pack.tradeoff.nc beside"):
+        tradeoff.chosen(scene, 0.1)
+    xr.Dataset(attrs={"scene_hash": "of another"}).to_netcdf(tradeoff.stored(scene))
+    with pytest.raises(InputError, match="was measured for another text"):
+        tradeoff.chosen(scene, 0.1)
+    assert tradeoff.result(scene) is None
+
+
+def test_a_chaotic_scene_is_compared_in_means_over_seeds(tmp_path, few_dials):
+    path = scene_file(tmp_path, CHAOTIC)
+    made = tradeoff.tradeoff(path, of="area_fraction", seeds=2, jobs=1, to=tmp_path / "t.nc")
+    assert "chaotic" in made.why and made.data.of == "area_fraction" and not made.failures
+    errors = made.data.sel(quantity="area_fraction", setting="step.fraction=0.8")
+    assert 0 < errors.error < 0.3  # the means are near, though no floe is where it was
+    assert errors.noise > 0
+    table = tradeoff.table(made.data)
+    assert tradeoff.AS_IT_IS in table and "±" in table
+
+
+def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
+    data = xr.Dataset(
+        {
+            "error": (("setting", "quantity"), np.reshape(errors, (3, 1))),
+            "noise": (("setting", "quantity"), np.full((3, 1), noise)),
+            "wall_per_day": ("setting", list(cost)),
+        },
+        coords={"setting": ["fast", "middle", "fine"], "quantity": ["drift"]},
+        attrs={"of": "drift", "reference": "fine"},
+    )
+    return data
+
+
+def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_reference():
+    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.05) == "middle"
+    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.3) == "fast"
+    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.01) is None
+    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0], noise=0.25), 0.01) == "fast"
+    assert tradeoff.recommended(numbers([np.nan, 0.04, 0.0]), 0.3) == "middle"
+    assert tradeoff.front(numbers([0.2, 0.04, 0.0])) == ["fast", "middle", "fine"]
+    assert tradeoff.front(numbers([0.02, 0.04, 0.0])) == ["fast", "fine"]
+
+
+@pytest.mark.parametrize(
+    "how, told",
+    [
+        ({"error": 0.0}, "error = 0.0: must be between 0 and 1"),
+        ({"of": "speed"}, "of = 'speed': must be one of transport, drift"),
+        ({"seeds": 0}, "seeds = 0: must be at least 1"),
+        ({"duration": -1.0}, "duration = -1.0: must be greater than 0"),
+    ],
+)
+def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path, how, told):
+    path = scene_file(tmp_path, QUIET)
+    with pytest.raises(InputError, match=told):
+        tradeoff.tradeoff(path, to=tmp_path / "t.nc", **how)
+    assert not list(tmp_path.glob("*.members"))
+
+
+def test_each_dial_of_a_packaged_scene_is_one_that_the_scene_takes():
+    for name in ("shear-cell", "strait", "periodic-box", "two-floes"):
+        scene = read_scene(name)
+        model = scene.build().model
+        for texts in tradeoff.settings(scene, model).values():
+            for text in [*texts, tradeoff.reference(scene, model)]:
+                read_scene(name, text.split())
+
+
+def test_small_floes_are_left_out_and_their_mass_stays():
+    floes = Floes([0.0, 50.0, 90.0], 0.0, [5.0, 10.0, 20.0], [1.0, 2.0, 1.0], u=[1.0, 2.0, 3.0])
+    kept = without_small(floes, 8.0)
+    assert list(kept.radius) == [10.0, 20.0] and list(kept.u) == [2.0, 3.0]
+    assert kept.volume.sum() == pytest.approx(floes.volume.sum(), rel=1e-15)
+    assert kept.thickness[0] / kept.thickness[1] == pytest.approx(2.0)
+    assert without_small(floes, 5.0) is floes
+    with pytest.raises(InputError, match="smallest = 30 m: leaves no floe; must be at most 20 m"):
+        without_small(floes, 30.0)
+
+
+def test_a_calibration_is_kept_for_scenes_of_its_kind(tmp_path, monkeypatch):
+    monkeypatch.setenv("FLOEBMI_CACHE", str(tmp_path))
+    monkeypatch.setattr(calibration, "MEASURED_FOR", 0.0)
+    path = scene_file(tmp_path, QUIET)
+    before = CliRunner().invoke(command, ["explain", str(path)]).output
+    assert "--calibrate measures it" in before
+    after = CliRunner().invoke(command, ["explain", str(path), "--calibrate"]).output
+    assert "as measured on this machine" in after
+    model = read_scene(path).build().model
+    cost = calibration.stored(model)
+    assert cost.of(10, 0, 5, 7) == pytest.approx(50 * cost.floe_step)
+    assert cost.of(0, 2, 5, 7) == pytest.approx(24 * cost.exchange)
+    assert 0 <= cost.floe_step < 1e-3
+    [file] = tmp_path.glob("costs-*.json")
+    assert list(json.loads(file.read_text())) == [calibration.kind(model)]
+    other = read_scene(path, ["contact=cohesive"]).build().model
+    assert calibration.stored(other) is None
