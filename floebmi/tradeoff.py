@@ -98,7 +98,7 @@ def settings(scene: Scene, model: "Model") -> dict[str, list[str]]:
         dials["drag"] = [f"step.drag_every={k}" for k in (4, 16)]
     if len(scene.floes) == 1:
         radius = model.floes.radius[model.floes.active & ~model.floes.land]
-        cuts = [by * radius.min() for by in (1.5, 2.0, 3.0) if by * radius.min() < radius.max() / 2]
+        cuts = [by * radius.min() for by in (1.5, 2, 4, 8) if 2 * by * radius.min() < radius.max()]
         dials["smallest floe"] = [f"floes.smallest={cut:.4g}" for cut in cuts]
     if model.ocean is not None or model.atmosphere is not None:
         if scene.sampling == "overlap" and scene.grid is not None:
