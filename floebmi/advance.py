@@ -19,6 +19,7 @@ from floebmi.forces import BLOCK, BOOKED, Force, at_floes, fastest_rate, speed_b
 from floebmi.pack import (
     PairList,
     Stiffest,
+    deepest,
     list_pairs,
     look,
     pack,
@@ -348,6 +349,15 @@ class Advance:
                 raise StabilityError(
                     f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
                     f"({speed[worst]:.3g} m/s) {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                )
+            pair, share = deepest(*self.period, floes, self.pairs.i, self.pairs.j)
+            if share > 1.0:
+                one, other = self.packed.number[[self.pairs.i[pair], self.pairs.j[pair]]]
+                modulus = self.contact.elastic.youngs_modulus
+                raise StabilityError(
+                    f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
+                    f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
+                    f"now {modulus:.2g}, may hold"
                 )
 
     # ---- books -------------------------------------------------------------------------------------

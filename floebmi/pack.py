@@ -391,6 +391,21 @@ def _(law: None, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
     return np.empty((0, 10))
 
 
+@jit
+def deepest(period_x, period_y, floes, pair_i, pair_j):
+    """The pair with the largest overlap over its smaller radius, and that share; of floes that move."""
+    which, deepest_share = -1, 0.0
+    for p in range(pair_i.size):
+        one, other = floes[pair_i[p]], floes[pair_j[p]]
+        if one.w + other.w == 0.0:
+            continue
+        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+        share = (one.r + other.r - np.sqrt(dx * dx + dy * dy)) / min(one.r, other.r)
+        if share > deepest_share:
+            which, deepest_share = p, share
+    return which, deepest_share
+
+
 def strayed(packed: Packed, keep_still: bool) -> float:
     """Largest way of a floe since the list was made, relative to the pack's common drift [m].
 
