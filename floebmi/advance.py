@@ -56,10 +56,18 @@ class State:
     walls: np.ndarray
     memory: PairList
     previous: np.ndarray | None
+    remainder: np.ndarray | None  # what rounding took from the places far from (0, 0) [m], shape (n, 2)
     rng: np.random.Generator
     feeders: tuple[Feeder, ...] = ()
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
+
+    def extend(self, count: int) -> None:
+        """Room for `count` new floes in what is kept per floe outside of `Floes`."""
+        for name in ("previous", "remainder"):
+            rows = getattr(self, name)
+            if rows is not None:
+                setattr(self, name, np.vstack([rows, np.zeros((count, rows.shape[1]))]))
 
 
 class Advance:
@@ -102,7 +110,9 @@ class Advance:
         self._list(self.state.memory, np.arange(len(self.floes)))
 
     def _list(self, old: PairList, old_place: np.ndarray) -> None:
-        self.packed = pack(self.floes, self.density, self.state.previous)
+        self.packed = pack(
+            self.floes, self.density, self.state.previous, self.domain.origin, self.state.remainder
+        )
         radius = self.packed.floes.r[~self.packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
@@ -156,7 +166,7 @@ class Advance:
         )  # fmt: skip
 
     def _unpack(self) -> None:
-        unpack(self.packed, self.floes, self.state.previous)
+        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
             at[BOOKED, self.packed.number] = here[BOOKED]
 
@@ -216,8 +226,7 @@ class Advance:
 
     def _grow(self, count: int) -> None:
         """Room for new floes in what is kept per floe outside of `Floes`."""
-        if self.state.previous is not None:
-            self.state.previous = np.concatenate([self.state.previous, np.zeros((count, 3))])
+        self.state.extend(count)
         new = slice(len(self.floes) - count, None)
         radius, thickness = self.floes.radius[new], self.floes.thickness[new]
         for k, force in enumerate(self.forces):

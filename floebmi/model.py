@@ -200,6 +200,7 @@ class Model:
             records,
             self._nothing_remembered(),
             None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
+            None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
             np.random.Generator(np.random.PCG64(seed)),
             tuple(Feeder(one, domain) for one in self.inflow),
         )
@@ -315,9 +316,7 @@ class Model:
             start = state.memory.start
             more = np.append(start, np.full(missing, start[-1]))
             state.memory = state.memory._replace(start=more)
-        if state.previous is not None and len(state.previous) < n:
-            none = np.zeros((n - len(state.previous), 3))
-            state.previous = np.vstack([state.previous, none])
+            state.extend(missing)
 
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
@@ -486,7 +485,8 @@ class Model:
     @property
     def wall_positions(self) -> np.ndarray:
         """Coordinates of the walls along their normals [m], in the order of `wall_edges`."""
-        return np.array(self._state.walls.position)
+        walls = self._state.walls
+        return walls.position + np.array(self.domain.origin)[walls.axis]
 
     def wall_stress(self) -> np.ndarray:
         """Normal stress of the ice on each wall now [Pa], positive presses, over its length × mean thickness."""
@@ -518,6 +518,7 @@ class Model:
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
         columns = rows[touching].T[1:]
         values = [column[order] for column in columns]
+        values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
         values[7] = values[7] > 0
         return Contacts(i[order], j[order], *values)
 
@@ -623,8 +624,9 @@ class Model:
         for name in ("slip", "bonded"):
             if getattr(s.memory, name) is not None:
                 state[f"pair_{name}"] = getattr(s.memory, name)
-        if s.previous is not None:
-            state["previous"] = s.previous.copy()
+        for name in ("previous", "remainder"):
+            if getattr(s, name) is not None:
+                state[name] = getattr(s, name).copy()
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
                 for name, values in vars(fluid).items():
@@ -684,8 +686,9 @@ class Model:
                 for name in ("slip", "bonded")
             ),
         )
-        if s.previous is not None:
-            s.previous = np.array(state["previous"], float).reshape(-1, 3)
+        for name, columns in (("previous", 3), ("remainder", 2)):
+            if getattr(s, name) is not None:
+                setattr(s, name, np.array(state[name], float).reshape(-1, columns))
         s.rng.bit_generator.state = json.loads(str(state["rng"]))
         for feeder, waiting in zip(s.feeders, np.atleast_1d(state["waiting"]), strict=True):
             feeder.waiting = None if np.isnan(waiting) else float(waiting)
