@@ -15,6 +15,7 @@ friction has no angles.
 """
 
 import json
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -73,6 +74,7 @@ from floebmi.vorticity import Vorticity
 
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
+LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
 
 
 class Fluid:
@@ -89,6 +91,8 @@ class Fluid:
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²]
     coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]
     undelivered : impulse (x, y) that found no wet cell [N s]
+    layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
+        when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
     """
 
     def __init__(self, grid: Grid, tilt: bool = False, coriolis: bool = False) -> None:
@@ -103,6 +107,7 @@ class Fluid:
         self.last_x, self.last_y = zeros(), zeros()
         self.magnitude, self.coefficient = zeros(), zeros()
         self.undelivered = np.zeros(2)
+        self.layer_thickness: float | None = None
         self._curl: Vorticity | None = None
 
     def vorticity(self) -> np.ndarray:
@@ -205,6 +210,7 @@ class Model:
             tuple(Feeder(one, domain) for one in self.inflow),
         )
         self._last_duration = 0.0
+        self._warned_of_lag = False
         self._seen = _Seen(floes)
         self._left: _Seen | None = None  # as the last advance left the floes
         self._at = self._allocate()
@@ -350,6 +356,23 @@ class Model:
         self._left = self._seen = _Seen(self.floes)
         self.time += duration
         self._last_duration = duration
+        self._warn_of_lag(duration)
+
+    def _warn_of_lag(self, duration: float) -> None:
+        """Say once that a host which takes the last stress as it is would swing (eq. lagged-stress)."""
+        ocean, drag = self.ocean, [force for force in self.forces if isinstance(force, OceanDrag)]
+        if not drag or ocean.layer_thickness is None or self._warned_of_lag:
+            return
+        rate = float(ocean.coefficient.max()) / (drag[0].density * ocean.layer_thickness)
+        if duration * rate > LAG_ALLOWED:
+            self._warned_of_lag = True
+            warnings.warn(
+                f"exchange of {duration:g} s at t = {self.time:g} s: drag on ice could turn a layer of "
+                f"{ocean.layer_thickness:g} m {duration * rate:.2g} times, above {LAG_ALLOWED:g} a lagged "
+                f"stress grows under ice at rest; exchange every {LAG_ALLOWED / rate:.3g} s, or take the "
+                "linear drag coefficient implicitly",
+                stacklevel=3,
+            )
 
     def _book_edits(self, now: Advance) -> None:
         """What somebody changed in the floes between two exchanges is an account of its own."""
@@ -362,6 +385,9 @@ class Model:
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is None:
                 continue
+            thickness = fluid.layer_thickness
+            if thickness is not None and not (np.isfinite(thickness) and thickness > 0):
+                raise InputError(f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m")
             for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
                 values = getattr(fluid, name)
                 if values is None:
