@@ -56,7 +56,9 @@ class State:
     walls: np.ndarray
     memory: PairList
     previous: np.ndarray | None
-    remainder: np.ndarray | None  # what rounding took from the places far from (0, 0) [m], shape (n, 2)
+    remainder: (
+        np.ndarray | None
+    )  # what rounding took from the places far from (0, 0) [m], shape (n, 2)
     rng: np.random.Generator
     feeders: tuple[Feeder, ...] = ()
     ledger: Ledger = field(default_factory=Ledger)

@@ -387,7 +387,9 @@ class Model:
                 continue
             thickness = fluid.layer_thickness
             if thickness is not None and not (np.isfinite(thickness) and thickness > 0):
-                raise InputError(f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m")
+                raise InputError(
+                    f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
+                )
             for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
                 values = getattr(fluid, name)
                 if values is None:
