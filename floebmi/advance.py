@@ -344,7 +344,7 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.sqrt(floes.u**2 + floes.v**2)
+        speed = np.hypot(floes.u, floes.v)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
         if wild.any():
@@ -359,7 +359,7 @@ class Advance:
             if way[worst] > 0.5:
                 raise StabilityError(
                     f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
-                    f"({speed[worst]:.3g} m/s) {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                    f"({speed[worst]:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
                 )
             pair, share = deepest(*self.period, floes, self.pairs.i, self.pairs.j)
             if share > 1.0:

@@ -26,7 +26,7 @@ from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, prepare
 from floebmi.dynamics import Step
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import Floes
 from floebmi.forces import (
     ACCOUNTS,
@@ -74,6 +74,8 @@ from floebmi.vorticity import Vorticity
 
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
+RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
+STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
 
 
@@ -333,7 +335,9 @@ class Model:
             for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it;
             the model is then as before.
         StabilityError
-            if floes leave what the step resolves.
+            if floes leave what the step resolves: a floe moves more than half its radius in a step or
+            overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
+            comes from nowhere.  The model is then of no use; go on from a state saved before.
         """
         if not (np.isfinite(duration) and duration >= 0):
             raise InputError(f"advance: duration = {duration!r}; must be at least 0 s")
@@ -356,7 +360,20 @@ class Model:
         self._left = self._seen = _Seen(self.floes)
         self.time += duration
         self._last_duration = duration
+        self._check_energy()
         self._warn_of_lag(duration)
+
+    def _check_energy(self) -> None:
+        """Stop when much of the energy comes from nowhere: the step does not resolve what happens."""
+        ledger = self._state.ledger
+        energy, longest = ledger.balance("energy"), self.counters.longest_step
+        little = 0.5 * ledger.now[0] * STILL**2
+        if energy.relative > RESIDUAL_ALLOWED and abs(energy.residual) > little:
+            raise StabilityError(
+                f"energy residual of {energy.residual:.3g} J at t = {self.time:g} s with steps of up to "
+                f"{longest:.3g} s: {energy.relative:.2g} of all that passed, at most {RESIDUAL_ALLOWED:g} is "
+                f"allowed; a step of {0.5 * longest:.2g} s may hold"
+            )
 
     def _warn_of_lag(self, duration: float) -> None:
         """Say once that a host which takes the last stress as it is would swing (eq. lagged-stress)."""
