@@ -31,7 +31,6 @@ This file imports nothing of Veros; arrays of its numpy backend are written.
 """
 
 import time
-import warnings
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -151,7 +150,7 @@ class SeaIce:
         self.ledger: list[Exchange] = []
         self.open_water = np.zeros(2)
         self._ice_seconds = self._coupling_seconds = 0.0
-        self._warned = False
+        model.ocean.layer_thickness = float(np.asarray(vs.dzt)[-1])
 
     # ---- Veros' arrays ---------------------------------------------------------------------------------
 
@@ -237,7 +236,6 @@ class SeaIce:
         self._fraction = np.where(model.grid.wet, np.minimum(1.0, ice / model.grid.area), 0.0)
         self._magnitude = model.ocean.magnitude / self.every
         self.ledger.append(self._books.close(delivered, missed))
-        self._check_stability(state)
 
     def _tilt(self, state: Any) -> None:
         """Slope of the surface from the difference of surface pressure across open points."""
@@ -288,18 +286,6 @@ class SeaIce:
             surface = np.array(vs.forc_tke_surface, float)
             surface[INNER, INNER] = tke
             vs.forc_tke_surface = surface
-
-    def _check_stability(self, state: Any) -> None:
-        """Stress of the last exchange is unstable under ice that cannot move, if it lags too long."""
-        layer = float(state.variables.dzt[-1]) * state.settings.rho_0
-        number = self.every * float(self.model.ocean.coefficient.max()) / layer
-        if number > 2.0 and not self._warned:
-            self._warned = True
-            warnings.warn(
-                f"Veros: every × drag coefficient / mass of the surface layer is {number:.2g}, above 2: the"
-                " ocean under ice at rest can oscillate; exchange more often",
-                stacklevel=4,
-            )
 
     # ---- to look at, and restart ------------------------------------------------------------------------
 

@@ -20,6 +20,7 @@ from floebmi.forces import BLOCK, BOOKED, Force, at_floes, fastest_rate, speed_b
 from floebmi.pack import (
     PairList,
     Stiffest,
+    deepest,
     list_pairs,
     look,
     pack,
@@ -56,6 +57,7 @@ class State:
     walls: np.ndarray
     memory: PairList
     previous: np.ndarray | None
+    remainder: np.ndarray | None  # what rounding took from places far from (0, 0), (n, 2) [m]
     rng: np.random.Generator
     feeders: tuple[Feeder, ...] = ()
     ledger: Ledger = field(default_factory=Ledger)
@@ -63,19 +65,26 @@ class State:
 
     def copy(self) -> "State":
         """The same, to go back to; what is never changed in place is shared."""
-        previous = None if self.previous is None else self.previous.copy()
+        rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
-            self.walls.copy(), self.memory, previous, deepcopy(self.rng),
+            self.walls.copy(), self.memory, *rows, deepcopy(self.rng),
             tuple(map(copy, self.feeders)), deepcopy(self.ledger), copy(self.counters),
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
         """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
         self.walls[:] = earlier.walls
-        self.memory, self.previous, self.rng = earlier.memory, earlier.previous, earlier.rng
-        self.feeders = earlier.feeders
+        self.memory, self.rng, self.feeders = earlier.memory, earlier.rng, earlier.feeders
+        self.previous, self.remainder = earlier.previous, earlier.remainder
         vars(self.ledger).update(vars(earlier.ledger))
         vars(self.counters).update(vars(earlier.counters))
+
+    def extend(self, count: int) -> None:
+        """Room for `count` new floes in what is kept per floe outside of `Floes`."""
+        for name in ("previous", "remainder"):
+            rows = getattr(self, name)
+            if rows is not None:
+                setattr(self, name, np.vstack([rows, np.zeros((count, rows.shape[1]))]))
 
 
 class Advance:
@@ -119,7 +128,9 @@ class Advance:
         self._list(self.state.memory, np.arange(len(self.floes)))
 
     def _list(self, old: PairList, old_place: np.ndarray) -> None:
-        self.packed = pack(self.floes, self.density, self.state.previous)
+        self.packed = pack(
+            self.floes, self.density, self.state.previous, self.domain.origin, self.state.remainder
+        )
         radius = self.packed.floes.r[~self.packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
@@ -173,7 +184,7 @@ class Advance:
         )  # fmt: skip
 
     def _unpack(self) -> None:
-        unpack(self.packed, self.floes, self.state.previous)
+        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
             at[BOOKED, self.packed.number] = here[BOOKED]
 
@@ -233,8 +244,7 @@ class Advance:
 
     def _grow(self, count: int) -> None:
         """Room for new floes in what is kept per floe outside of `Floes`."""
-        if self.state.previous is not None:
-            self.state.previous = np.concatenate([self.state.previous, np.zeros((count, 3))])
+        self.state.extend(count)
         new = slice(len(self.floes) - count, None)
         radius, thickness = self.floes.radius[new], self.floes.thickness[new]
         for k, force in enumerate(self.forces):
@@ -350,7 +360,7 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.sqrt(floes.u**2 + floes.v**2)
+        speed = np.hypot(floes.u, floes.v)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
         if wild.any():
@@ -365,7 +375,16 @@ class Advance:
             if way[worst] > 0.5:
                 raise StabilityError(
                     f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
-                    f"({speed[worst]:.3g} m/s) {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                    f"({speed[worst]:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                )
+            pair, share = deepest(*self.period, floes, self.pairs.i, self.pairs.j)
+            if share > 1.0:
+                one, other = self.packed.number[[self.pairs.i[pair], self.pairs.j[pair]]]
+                modulus = self.contact.elastic.youngs_modulus
+                raise StabilityError(
+                    f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
+                    f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
+                    f"now {modulus:.2g}, may hold"
                 )
 
     # ---- books -------------------------------------------------------------------------------------

@@ -48,6 +48,14 @@ class Domain(NamedTuple):
         """Area of the rectangle [m²]."""
         return (self.x[1] - self.x[0]) * (self.y[1] - self.y[0])
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """The point from which kernels count x and y [m]: that of the domain next to (0, 0).
+
+        Far from (0, 0), as in a map projection, steps are so as exact as near it.
+        """
+        return min(max(0.0, self.x[0]), self.x[1]), min(max(0.0, self.y[0]), self.y[1])
+
     def position(self, edge: str) -> float:
         """Coordinate of an edge [m]."""
         return float((self.x, self.y)[_AXIS[edge]][0 if _SIDE[edge] > 0 else 1])
@@ -122,7 +130,7 @@ def _check_edge(what: str, edge: str, domain: Domain) -> None:
 def build_walls(
     domain: Domain, walls: tuple[Wall, ...], floes: Floes, density: float, youngs_modulus: float
 ) -> np.ndarray:
-    """Records of dtype `WALL`: the listed walls, and a fixed one at each closed edge.
+    """Records of dtype `WALL`: the listed walls, and a fixed one at each closed edge, from the domain's origin.
 
     Raises
     ------
@@ -146,7 +154,8 @@ def build_walls(
     for record, wall in zip(records, listed.values(), strict=True):
         axis = _AXIS[wall.edge]
         record.axis, record.side = axis, _SIDE[wall.edge]
-        record.position = domain.position(wall.edge) if wall.position is None else wall.position
+        position = domain.position(wall.edge) if wall.position is None else wall.position
+        record.position = position - domain.origin[axis]
         record.speed = wall.velocity
         if wall.normal_stress is None:
             continue

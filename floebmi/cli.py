@@ -30,6 +30,7 @@ Try:
   floebmi explain mine.toml                 what will be modelled, and what it costs
   floebmi run mine.toml --set contact.friction=0.5
   floebmi animate mine/floes.nc             a film of what came out
+  floebmi validate                          is it stable at the extremes?
   floebmi experiment strait --figure 5      a figure of the paper that floebmi is after
 """
 
@@ -611,6 +612,36 @@ def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
     finally:
         if bar is not None:
             bar.close()
+
+
+@floebmi.command()
+@click.argument("cases", nargs=-1, metavar="[CASE]...")
+@click.option("--long", is_flag=True, help="More steps, more floes, wider ranges; minutes.")
+@click.option(
+    "--save", "target", type=click.Path(path_type=Path), metavar="FILE.json",
+    help="Write what was measured as JSON, too.",
+)  # fmt: skip
+@_force_option
+def validate(cases: tuple[str, ...], long: bool, target: Path | None, force: bool) -> None:
+    """Measure how the model stands its extremes, all or each CASE: measured, pass mark, source."""
+    from floebmi import validate as extremes
+
+    chosen = extremes.find(cases)
+    if target is not None:
+        target = _target(target, target, force)
+    results = {}
+    with _progress("cases") as show:
+        for k, case in enumerate(chosen):
+            show(k, len(chosen))
+            results[case.name] = case.run(long)
+        show(len(chosen), len(chosen))
+    click.echo(extremes.table(results))
+    if target is not None:
+        extremes.save(results, target)
+        click.echo(f"wrote {target}")
+    failed = [name for name, measures in results.items() if not all(m.passed for m in measures)]
+    if failed:
+        _fail(f"{len(failed)} of {len(results)} cases miss their mark: {', '.join(failed)}", 1)
 
 
 # ---- the experiments of the paper -------------------------------------------------------------

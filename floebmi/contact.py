@@ -207,8 +207,12 @@ def _(friction: None, k_n, f_n, slip, slip_rate, dt):
 
 @dispatched
 def damping(dashpot, k_n, inverse_mass):
-    """Dashpot coefficient c [N s/m] of a pair (eq. dashpot); inverse_mass = 1/m_i + 1/m_j."""
-    return 2.0 * dashpot.damping_ratio * np.sqrt(k_n / max(inverse_mass, 1e-300))
+    """Dashpot coefficient c [N s/m] of a pair (eq. dashpot); inverse_mass = 1/m_i + 1/m_j.
+
+    There is none between two floes that nothing moves: they have no mass that a restitution could be of.
+    """
+    mass = 1.0 / inverse_mass if inverse_mass > 0.0 else 0.0
+    return 2.0 * dashpot.damping_ratio * np.sqrt(k_n * mass)
 
 
 @damping.register

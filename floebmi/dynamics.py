@@ -71,7 +71,7 @@ WALL = np.dtype(
     [
         ("axis", np.int64),  # 0: the wall stands across x, 1: across y
         ("side", np.float64),  # +1: the ice is on the side of larger coordinates
-        ("position", np.float64),
+        ("position", np.float64),  # from the domain's origin
         ("speed", np.float64),
         ("inverse_mass", np.float64),
         ("press", np.float64),  # force that the wall is loaded with, towards the ice [N]

@@ -13,7 +13,7 @@ class InputError(ValueError):
 
 
 class StabilityError(RuntimeError):
-    """A run left its bounds; its text names floe, time, step and a step that would hold."""
+    """A run left its bounds; its text names floe, time, step, and what would hold."""
 
 
 def choose(word: object, allowed: Iterable[str]) -> str:

@@ -15,6 +15,7 @@ friction has no angles.
 """
 
 import json
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -25,7 +26,7 @@ from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, prepare
 from floebmi.dynamics import Step
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import Floes
 from floebmi.forces import (
     ACCOUNTS,
@@ -74,6 +75,9 @@ from floebmi.vorticity import Vorticity
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
+RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
+STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
+LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
 
 
 class Fluid:
@@ -90,6 +94,8 @@ class Fluid:
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²]
     coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]
     undelivered : impulse (x, y) that found no wet cell [N s]
+    layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
+        when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
     """
 
     def __init__(self, grid: Grid, tilt: bool = False, coriolis: bool = False) -> None:
@@ -104,6 +110,7 @@ class Fluid:
         self.last_x, self.last_y = zeros(), zeros()
         self.magnitude, self.coefficient = zeros(), zeros()
         self.undelivered = np.zeros(2)
+        self.layer_thickness: float | None = None
         self._curl: Vorticity | None = None
 
     def vorticity(self) -> np.ndarray:
@@ -201,10 +208,12 @@ class Model:
             records,
             self._nothing_remembered(),
             None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
+            None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
             np.random.Generator(np.random.PCG64(seed)),
             tuple(Feeder(one, domain) for one in self.inflow),
         )
         self._last_duration = 0.0
+        self._warned_of_lag = False
         self._seen = _Seen(floes)
         self._left: _Seen | None = None  # as the last advance left the floes
         self._at = self._allocate()
@@ -321,9 +330,7 @@ class Model:
             start = state.memory.start
             more = np.append(start, np.full(missing, start[-1]))
             state.memory = state.memory._replace(start=more)
-        if state.previous is not None and len(state.previous) < n:
-            none = np.zeros((n - len(state.previous), 3))
-            state.previous = np.vstack([state.previous, none])
+            state.extend(missing)
 
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
@@ -333,7 +340,9 @@ class Model:
         InputError
             for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it.
         StabilityError
-            if floes leave what the step resolves.
+            if floes leave what the step resolves: a floe moves more than half its radius in a step or
+            overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
+            comes from nowhere.
 
         After an error the model is as it was before.
         """
@@ -354,16 +363,47 @@ class Model:
         seen.list = None  # the steps use it up, even if they fail
         try:
             advance.run(duration, self._at, self.time)
+            self._at = tuple(advance.at)
+            self._book_forces()
+            self._state.ledger.now = advance.stock()
+            self._check_energy(self.time + duration)
         except BaseException:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        self._at = tuple(advance.at)
-        self._give_back(weights, known, duration)
-        self._state.ledger.now = advance.stock()
+        self._give_back(weights, known)
         self._left = self._seen = _Seen(self.floes)
         self.time += duration
         self._last_duration = duration
+        self._warn_of_lag(duration)
+
+    def _check_energy(self, time: float) -> None:
+        """Stop when much of the energy comes from nowhere: the step does not resolve what happens."""
+        ledger = self._state.ledger
+        energy, longest = ledger.balance("energy"), self.counters.longest_step
+        little = 0.5 * ledger.now[0] * STILL**2
+        if energy.relative > RESIDUAL_ALLOWED and abs(energy.residual) > little:
+            raise StabilityError(
+                f"energy residual of {energy.residual:.3g} J at t = {time:g} s with steps of up to "
+                f"{longest:.3g} s: {energy.relative:.2g} of all that passed, at most {RESIDUAL_ALLOWED:g} is "
+                f"allowed; a step of {0.5 * longest:.2g} s may hold"
+            )
+
+    def _warn_of_lag(self, duration: float) -> None:
+        """Say once that a host which takes the last stress as it is would swing (eq. lagged-stress)."""
+        ocean, drag = self.ocean, [force for force in self.forces if isinstance(force, OceanDrag)]
+        if not drag or ocean.layer_thickness is None or self._warned_of_lag:
+            return
+        rate = float(ocean.coefficient.max()) / (drag[0].density * ocean.layer_thickness)
+        if duration * rate > LAG_ALLOWED:
+            self._warned_of_lag = True
+            warnings.warn(
+                f"exchange of {duration:g} s at t = {self.time:g} s: drag on ice could turn a layer of "
+                f"{ocean.layer_thickness:g} m {duration * rate:.2g} times, above {LAG_ALLOWED:g} a lagged "
+                f"stress grows under ice at rest; exchange every {LAG_ALLOWED / rate:.3g} s, or take the "
+                "linear drag coefficient implicitly",
+                stacklevel=3,
+            )
 
     def _book_edits(self, now: Advance) -> None:
         """What somebody changed in the floes between two exchanges is an account of its own."""
@@ -376,6 +416,11 @@ class Model:
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is None:
                 continue
+            thickness = fluid.layer_thickness
+            if thickness is not None and not (np.isfinite(thickness) and thickness > 0):
+                raise InputError(
+                    f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
+                )
             for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
                 values = getattr(fluid, name)
                 if values is None:
@@ -451,11 +496,15 @@ class Model:
             return self.ocean
         return self.atmosphere if isinstance(force, AirDrag) else None
 
-    def _give_back(self, weights: dict[int, Weights], known: int, duration: float) -> None:
-        """Book the forces; the fluids get the opposite of the impulse that their drag gave."""
+    def _book_forces(self) -> None:
+        """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
             self._state.ledger.book(name, x=at[X].sum(), y=at[Y].sum(), energy=at[WORK].sum())
+
+    def _give_back(self, weights: dict[int, Weights], known: int) -> None:
+        """The fluids get the opposite of the impulse that their drag gave."""
+        for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             fluid, f = self._fluid_of(force), self.floes
@@ -499,7 +548,8 @@ class Model:
     @property
     def wall_positions(self) -> np.ndarray:
         """Coordinates of the walls along their normals [m], in the order of `wall_edges`."""
-        return np.array(self._state.walls.position)
+        walls = self._state.walls
+        return walls.position + np.array(self.domain.origin)[walls.axis]
 
     def wall_stress(self) -> np.ndarray:
         """Normal stress of the ice on each wall now [Pa], positive presses, over its length × mean thickness."""
@@ -531,6 +581,7 @@ class Model:
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
         columns = rows[touching].T[1:]
         values = [column[order] for column in columns]
+        values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
         values[7] = values[7] > 0
         return Contacts(i[order], j[order], *values)
 
@@ -641,8 +692,9 @@ class Model:
         for name in ("slip", "bonded"):
             if getattr(s.memory, name) is not None:
                 state[f"pair_{name}"] = getattr(s.memory, name)
-        if s.previous is not None:
-            state["previous"] = s.previous.copy()
+        for name in ("previous", "remainder"):
+            if getattr(s, name) is not None:
+                state[name] = getattr(s, name).copy()
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
                 for name, values in vars(fluid).items():
@@ -702,8 +754,9 @@ class Model:
                 for name in ("slip", "bonded")
             ),
         )
-        if s.previous is not None:
-            s.previous = np.array(state["previous"], float).reshape(-1, 3)
+        for name, columns in (("previous", 3), ("remainder", 2)):
+            if getattr(s, name) is not None:
+                setattr(s, name, np.array(state[name], float).reshape(-1, columns))
         s.rng.bit_generator.state = json.loads(str(state["rng"]))
         for feeder, waiting in zip(s.feeders, np.atleast_1d(state["waiting"]), strict=True):
             feeder.waiting = None if np.isnan(waiting) else float(waiting)

@@ -52,6 +52,8 @@ class Packed(NamedTuple):
     first_x: np.ndarray  # where the floe was when the list was made
     first_y: np.ndarray
     previous: np.ndarray | None  # contact accelerations of the last step, for the paper's schemes
+    origin_x: float  # of the records' coordinates
+    origin_y: float
 
 
 class PairList(NamedTuple):
@@ -65,10 +67,18 @@ class PairList(NamedTuple):
     damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
 
 
-def pack(floes: Floes, density: float, previous: np.ndarray | None) -> Packed:
+def pack(
+    floes: Floes,
+    density: float,
+    previous: np.ndarray | None,
+    origin: tuple[float, float],
+    remainder: np.ndarray | None,
+) -> Packed:
     """Copy the active floes into records, sorted in space.
 
     previous : accelerations (n, 3) kept between advances by the paper's schemes, or None
+    origin : x, y from which the records count [m]
+    remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
     """
     number = np.flatnonzero(floes.active)
     if len(number):
@@ -78,7 +88,10 @@ def pack(floes: Floes, density: float, previous: np.ndarray | None) -> Packed:
     records = np.zeros(n, SPINNING if rotation else MOVING)
     bits = floes.motion[number]
     mass = floes.mass(density)[number]
-    first_x, first_y, radius = floes.x[number], floes.y[number], floes.radius[number]
+    first_x, first_y = floes.x[number] - origin[0], floes.y[number] - origin[1]
+    if remainder is not None:
+        first_x, first_y = first_x + remainder[number, 0], first_y + remainder[number, 1]
+    radius = floes.radius[number]
     records["x"], records["y"], records["r"] = first_x, first_y, radius
     records["h"] = floes.thickness[number]
     records["u"], records["v"] = floes.u[number], floes.v[number]
@@ -110,13 +123,26 @@ def pack(floes: Floes, density: float, previous: np.ndarray | None) -> Packed:
         first_x,
         first_y,
         None if previous is None else previous[number],
+        *origin,
     )
 
 
-def unpack(packed: Packed, floes: Floes, previous: np.ndarray | None) -> None:
+def unpack(
+    packed: Packed, floes: Floes, previous: np.ndarray | None, remainder: np.ndarray | None
+) -> None:
     """Copy what moved back into the floes."""
     number, records = packed.number, packed.floes
-    floes.x[number], floes.y[number] = records.x, records.y
+    for axis, (place, now, first, origin) in enumerate(
+        (
+            (floes.x, records.x, packed.first_x, packed.origin_x),
+            (floes.y, records.y, packed.first_y, packed.origin_y),
+        )
+    ):
+        moved = now != first  # one that did not move keeps its place to the bit
+        of = number[moved]
+        place[of] = now[moved] + origin
+        if remainder is not None:
+            remainder[of, axis] = now[moved] - (place[of] - origin)
     floes.u[number], floes.v[number] = records.u, records.v
     if packed.spinning is not None:
         floes.angle[number] = packed.angle
@@ -389,6 +415,21 @@ def _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
 @_look.register
 def _(law: None, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
     return np.empty((0, 10))
+
+
+@jit
+def deepest(period_x, period_y, floes, pair_i, pair_j):
+    """The pair with the largest overlap over its smaller radius, and that share; of floes that move."""
+    which, deepest_share = -1, 0.0
+    for p in range(pair_i.size):
+        one, other = floes[pair_i[p]], floes[pair_j[p]]
+        if one.w + other.w == 0.0:
+            continue
+        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+        share = (one.r + other.r - np.sqrt(dx * dx + dy * dy)) / min(one.r, other.r)
+        if share > deepest_share:
+            which, deepest_share = p, share
+    return which, deepest_share
 
 
 def strayed(packed: Packed, keep_still: bool) -> float:

@@ -486,6 +486,9 @@ class Ocean(FluidTable):
     drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field(
         "damsgaard2018", description="a preset, or a table of coefficients"
     )
+    layer_thickness: Positive | None = Field(
+        None, description="of the host's uppermost layer [m]: warns of exchanges that are too rare"
+    )
 
 
 class Atmosphere(FluidTable):
@@ -747,6 +750,8 @@ class Scene(Table):
             )
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
+        if self.ocean is not None:
+            model.ocean.layer_thickness = self.ocean.layer_thickness
         with self.place("ocean"):
             ocean = self._source(self.ocean, model.ocean)
         with self.place("atmosphere"):

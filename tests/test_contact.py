@@ -127,6 +127,16 @@ def test_restitution_against_a_fixed_floe_is_met_too():
     assert -floes.u[0] / 0.1 == pytest.approx(0.5, rel=0.02)
 
 
+@pytest.mark.parametrize("modulus", [2e7, 2e9])
+def test_a_dashpot_between_a_driven_floe_and_a_fixed_one_pushes_with_nothing_of_its_own(modulus):
+    floes = Floes([0.0, 20.01], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=FIXED)
+    model = Model(DOMAIN, floes, contact=frictional(youngs_modulus=modulus, restitution=0.5))
+    model.advance(1.0)
+    assert model.contacts().overlap[0] == pytest.approx(0.09, rel=1e-9)
+    work = model.ledger.accounts["held floes and coast"][3]
+    assert work == pytest.approx(0.5 * modulus * 0.09**2, rel=1e-2)
+
+
 def test_a_bond_breaks_at_its_strength_and_can_form_again():
     floes = Floes([0.0, 20.0 - 1e-6], 0.0, 10.0, 1.0, u=[0.0, 1e-3], motion=[FIXED, FIXED])
     model = Model(DOMAIN, floes, contact=cohesive(500e3))

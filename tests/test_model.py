@@ -229,14 +229,14 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
         return Model(
             Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional(), forces=[OceanDrag()],
             inflow=Inflow("north", PowerLaw(10.0, 20.0), 1.0), walls=[Wall("west", normal_stress=1e3)],
-            step=Step(scheme, length=0.2),
+            step=Step(scheme, length=0.02),
         )  # fmt: skip
 
     model, other = made(), made()
     for one in (model, other):
         one.advance(2.0)
     ledger, x, slow = model.ledger, model.floes.x, model.floes.u[2]
-    model.floes.u[2] = 50.0  # a later exchange meets it, with floes added on the way
+    model.floes.u[2] = 600.0  # a later exchange meets it, with floes added on the way
     edited = model.state()
     with pytest.raises(StabilityError):
         model.advance(10.0)

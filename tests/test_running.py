@@ -9,6 +9,8 @@ import pytest
 import xarray as xr
 
 from floebmi import (
+    Contact,
+    Coulomb,
     Domain,
     Floes,
     Grid,
@@ -22,6 +24,7 @@ from floebmi import (
 )
 from floebmi.output import load_restart
 from floebmi.running import duration_text
+from floebmi.validate import hexagonal_pack
 
 BOX = Domain((0.0, 1000.0), (0.0, 1000.0))
 
@@ -142,13 +145,60 @@ def test_forcing_that_ends_too_soon_leaves_readable_frames_and_a_state_to_go_on_
     assert state["time"] == 40.0
 
 
-def test_a_run_that_becomes_unstable_saves_its_last_good_state(tmp_path):
+def too_fast():
     floes = Floes([10.0, 29.9], [10.0, 10.0], 10.0, 1.0, u=[30.0, -30.0])
-    model = Model(BOX, floes, contact=frictional(), step=Step(length=1.0))
-    with pytest.raises(StabilityError) as caught:
-        run(model, 10.0, exchange=1.0, every=1.0, restart=tmp_path / "restart.nc")
-    assert str(tmp_path / "restart.nc") in caught.value.__notes__[0]
-    assert load_restart(tmp_path / "restart.nc")[0]["time"] == 0.0
+    return Model(BOX, floes, contact=frictional(), step=Step(length=1.0))
+
+
+def too_explicit():
+    box = Domain((0.0, 1e3), (0.0, 1e3), "periodic", "periodic", "periodic", "periodic")
+    scheme = Step("taylor2", length=3600.0)
+    model = Model(box, Floes(500.0, 500.0, 1.0, 1.0), forces=[OceanDrag()], step=scheme)
+    model.ocean.u[:] = 2.0
+    return model
+
+
+def too_soft():
+    floes = Floes([10.0, 29.9], [10.0, 10.0], 10.0, 1.0, u=[40.0, -40.0])
+    return Model(BOX, floes, contact=frictional(youngs_modulus=2e6))
+
+
+def too_coarse():
+    law = Contact(friction=Coulomb(1e3))
+    limit = hexagonal_pack(6, law).longest_step() / Step().fraction
+    return hexagonal_pack(6, law, Step(length=1.1 * limit))
+
+
+@pytest.mark.parametrize(
+    ("start", "exchange", "said"),
+    [
+        (too_fast, 1.0, r"floe \d: moves \d+ of its radius in one step .* a step of .* would hold"),
+        (too_explicit, 3.6e5, r"floe 0: position or velocity is no longer finite at t = \d+ s"),
+        (too_soft, 1.0, r"floes 0 and 1: overlap by .* of the smaller radius at t = .* may hold"),
+        (
+            too_coarse,
+            0.01,
+            r"energy residual of .* J at t = .* 0.1 is allowed; a step of .* may hold",
+        ),
+    ],
+)
+def test_a_run_that_leaves_its_bounds_stops_with_one_line_and_its_last_good_state(
+    tmp_path, start, exchange, said
+):
+    model = start()
+    with pytest.raises(StabilityError, match=said) as caught:
+        run(
+            model, 1000 * exchange, exchange=exchange, every=exchange,
+            trajectories=tmp_path / "floes.nc", restart=tmp_path / "restart.nc",
+        )  # fmt: skip
+    assert "\n" not in str(caught.value)
+    assert caught.value.__notes__[0].endswith(f"is saved in {tmp_path / 'restart.nc'}")
+    state, _ = load_restart(tmp_path / "restart.nc")
+    again = start()
+    again.restore(state)
+    assert all(np.isfinite(value).all() for value in (again.floes.x, again.floes.u))
+    with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
+        assert data.time.values[-1] == pytest.approx(state["time"], abs=1e-9)
 
 
 class Interrupts(Ramp):
