@@ -11,7 +11,7 @@ import numpy as np
 
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
-from floebmi.contact import Contact, prepare
+from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import PAIR_BUFFER, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
@@ -84,14 +84,14 @@ class Advance:
         self.walls = state.walls if len(state.walls) else None
         self.wall_law = None
         if self.walls is not None and contact is not None:
-            self.wall_law = self.contact._replace(friction=None, bonds=None)
+            self.wall_law = self.contact._replace(friction=None, bonds=None, failure=None)
         self.forces = forces
         self.density, self.draft_fraction = density, draft_fraction
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
         self.still = self.walls is not None or None in self.period
         self.constraint = np.zeros(3)
-        self.losses = np.zeros(4)
+        self.losses = np.zeros(5)
         self.buffer = np.empty(PAIR_BUFFER)
 
     # ---- packing and the list ----------------------------------------------------------------------
@@ -148,9 +148,9 @@ class Advance:
     def _touch(self, dt: float) -> None:
         p = self.packed
         touch(
-            self.contact, self.wall_law, *self.period, p.floes, p.spinning, self.pairs.i, self.pairs.j,
-            self.pairs.slip, self.pairs.bonded, self.pairs.damped, self.walls, self.wall_floe,
-            self.wall_number, self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
+            self.contact, self.wall_law, *self.period, p.floes, p.spinning, p.friction,
+            p.tensile_strength, self.pairs, self.walls, self.wall_floe, self.wall_number,
+            self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
             self.constraint, self.buffer,
         )  # fmt: skip
 
@@ -180,6 +180,7 @@ class Advance:
         if len(new):
             old_place = np.concatenate([old_place, np.full(len(new), -1)])
             self._grow(len(new))
+            draw_own(self.floes, self.contact, self.state.rng)
         self._list(old, old_place)
         self._begin()
         if len(leaving):
@@ -356,9 +357,8 @@ class Advance:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
         rows = look(
-            self.contact, *self.period, p.floes,
-            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
-        )  # fmt: skip
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
+        )
         energy = float(rows[:, 9].sum())
         for w, wall in enumerate(walls):
             near = p.floes[self.wall_floe[self.wall_number == w]]
@@ -384,10 +384,21 @@ class Advance:
         if len(self.packed.held) or self.constraint.any():
             x, y, work = self.constraint
             ledger.book("held floes and coast", x=x, y=y, energy=work)
-        for name, loss in zip(("friction", "dashpots", "broken bonds"), self.losses, strict=False):
+        *lost, broken = self.losses
+        accounts = "friction", "dashpots", "broken bonds", "compressive failure"
+        for name, loss in zip(accounts, lost, strict=True):
             if loss:
                 ledger.book(name, energy=-loss)
-        self.state.counters.bonds_broken += int(round(self.losses[3]))
+        self.state.counters.bonds_broken += int(round(broken))
+
+
+def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) -> None:
+    """Floes that have none yet get their own μ and σ_c, lognormal with the law's mean (eq. spread)."""
+    for name, (mean, spread) in own(contact).items():
+        values = getattr(floes, name)
+        new = np.flatnonzero(np.isnan(values))
+        width = np.sqrt(np.log1p(spread**2))
+        values[new] = mean * np.exp(width * rng.standard_normal(len(new)) - 0.5 * width**2)
 
 
 def floe_stock(floes: Floes, number: np.ndarray, density: float) -> np.ndarray:
