@@ -356,9 +356,7 @@ class Advance:
     def elastic_energy(self) -> float:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
-        rows = look(
-            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
-        )
+        rows = look(self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs)
         energy = float(rows[:, 9].sum())
         for w, wall in enumerate(walls):
             near = p.floes[self.wall_floe[self.wall_number == w]]

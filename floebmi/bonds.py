@@ -126,14 +126,14 @@ def _(bonds: None):
 
 
 @dispatched
-def tied(beam, bonded):
-    """Whether a bond, if there is one, takes the shear."""
-    return bonded > 0.0
+def tied(beam, bonded, held, free):
+    """One value for a pair that a beam holds, the other for a pair that is free to slip."""
+    return held if bonded > 0.0 else free
 
 
 @tied.register
-def _(beam: None, bonded):
-    return False
+def _(beam: None, bonded, held, free):
+    return free
 
 
 @dispatched

@@ -139,6 +139,32 @@ def prepare(contact: Contact) -> Contact:
     return contact
 
 
+def check_bonds(contact: Contact | None) -> None:
+    """Refuse bonds that would start stronger than they are, or slip on another spring than friction does.
+
+    Raises
+    ------
+    InputError
+    """
+    if contact is None or contact.bonds is None:
+        return
+    strength, healing, beam = (
+        contact.bonds.tensile_strength,
+        contact.bonds.healing,
+        contact.bonds.beam,
+    )
+    if healing is not None and healing.initial > strength:
+        raise InputError(
+            f"Healing.initial = {healing.initial!r}: must be at most the tensile_strength, {strength!r}"
+        )
+    friction = contact.friction
+    if beam is not None and friction is not None and beam.poisson_ratio != friction.poisson_ratio:
+        raise InputError(
+            f"Beam.poisson_ratio = {beam.poisson_ratio!r}: must be that of friction, "
+            f"{friction.poisson_ratio!r}"
+        )
+
+
 def turns(contact: Contact | None) -> bool:
     """Whether the law turns floes: friction does, and bonds that are beams."""
     return contact is not None and bool(contact.friction or beam_of(contact.bonds))
@@ -290,19 +316,19 @@ def _(friction: Damsgaard2018Coulomb, radius, other_radius, gap):
 
 
 @dispatched
-def tangential(spring, mu, is_tied, k_n, f_n, slip, slip_rate, dt):
+def tangential(spring, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
     """Tangential force on i before and now, the slip remembered, the energy lost (eqs. coulomb-friction, bond-shear)."""
     k_t = k_n * stiffness_ratio(spring)
     tried = slip + slip_rate * dt
     limit = mu * max(f_n, 0.0) / k_t
-    kept = tried if is_tied else min(max(tried, -limit), limit)
+    kept = tied(beam, bonded, tried, min(max(tried, -limit), limit))
     # the force is formed from the slip that is kept, so that forming it again gives the same bits;
     # the loss is what the mean force of the step does along the part of the slip that slid
     return -k_t * slip, -k_t * kept, kept, 0.5 * k_t * (slip + kept) * (tried - kept)
 
 
 @tangential.register
-def _(spring: None, mu, is_tied, k_n, f_n, slip, slip_rate, dt):
+def _(spring: None, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
     return 0.0, 0.0, 0.0, 0.0
 
 
@@ -417,7 +443,7 @@ def pair_force(
     damped = f_n - elastic
     part = dt if was_bonded else time_in_contact(law.friction, gap, opening, dt)
     f_t_before, f_t, kept, slip_loss = tangential(
-        spring, mu, tied(beam, now_bonded), k_n, f_n, slip, slip_rate, part
+        spring, beam, mu, now_bonded, k_n, f_n, slip, slip_rate, part
     )
     moment, kept_bent, bend_loss = bending(beam, now_bonded, k_b, bent, turn_rate, dt)
     f_n_before = max(damped_before - k_n * (gap - opening * dt), 0.0)
@@ -428,10 +454,9 @@ def pair_force(
     blow_n += 0.5 * part * damped if met else 0.0
     breaks = was_bonded and not touching
     blow_n = -0.5 * dt * k_n * gap if breaks else blow_n
-    snaps = tied(beam, bonded) and now_bonded <= 0.0 and not failing
-    friction_loss = 0.0 if snaps else slip_loss
-    bond_loss = 0.5 * k_n * gap * gap if breaks else 0.0
-    bond_loss += bend_loss + (slip_loss if snaps else 0.0)
+    snap_loss = 0.0 if failing else tied(beam, bonded, slip_loss, 0.0)
+    friction_loss = slip_loss - snap_loss
+    bond_loss = (0.5 * k_n * gap * gap if breaks else 0.0) + bend_loss + snap_loss
     dashpot_loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
     whole = PairForce(
         f_n, f_t, moment, kept, now_bonded, damped, kept_bent, 0.0, 0.0, blow_n, blow_t,

@@ -23,7 +23,7 @@ from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
 from floebmi.budgets import Ledger
-from floebmi.contact import Contact, memories, own, prepare, turns
+from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
@@ -239,6 +239,7 @@ class Model:
             )
         check(self.forces)
         check(self.contact or ())
+        check_bonds(self.contact)
         if self.sampling not in ("overlap", "centre"):
             raise InputError(
                 f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"

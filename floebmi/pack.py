@@ -176,9 +176,7 @@ def list_pairs(
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
         if len(memory):
-            carry(
-                i, j, packed.number, old.start, old.j, old_place, memory, getattr(new, name)
-            )
+            carry(i, j, packed.number, old.start, old.j, old_place, memory, getattr(new, name))
     return new
 
 
