@@ -176,8 +176,16 @@ def list_pairs(
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
         if len(memory):
-            carry(i, j, packed.number, old.start, old.j, old_place, memory, getattr(new, name))
+            sign = _sign_of_reverse(name)
+            carry(
+                i, j, packed.number, old.start, old.j, old_place, memory, getattr(new, name), sign
+            )
     return new
+
+
+def _sign_of_reverse(name: str) -> float:
+    """Seen from j, the angle by which the other has turned is the opposite; all else is the same."""
+    return -1.0 if name == "bent" else 1.0
 
 
 def _nothing(contact: Contact | None, n: int) -> dict[str, np.ndarray]:
@@ -197,7 +205,10 @@ def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:
     low, high = np.minimum(a, b), np.maximum(a, b)
     order = np.lexsort((high, low))
     start = np.searchsorted(low[order], np.arange(n + 1))
-    memory = {name: values[keep][order] for name, values in pairs.memory().items()}
+    memory = {
+        name: np.where(a > b, _sign_of_reverse(name), 1.0)[order] * values[keep][order]
+        for name, values in pairs.memory().items()
+    }
     return PairList(start, low[order].astype(np.uint32), high[order].astype(np.uint32), **memory)
 
 

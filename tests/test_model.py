@@ -105,6 +105,7 @@ def test_the_tree_names_what_is_there_and_what_is_absent():
     assert "TensileStrength" in text and "OceanDrag" in text
     absent = text.splitlines()[-1]
     assert "friction" in absent and "wind" in absent and "bonds" not in absent
+    assert "compressive failure" in absent
 
 
 def test_floes_that_lie_over_each_other_are_refused_with_the_worst_pairs():
