@@ -10,6 +10,12 @@ from floebmi.bmi import FloeBmi  # at once: BMI tools look classes up in a modul
 
 if TYPE_CHECKING:
     from floebmi.bonds import (
+        Beam as Beam,
+    )
+    from floebmi.bonds import (
+        Healing as Healing,
+    )
+    from floebmi.bonds import (
         TensileStrength as TensileStrength,
     )
     from floebmi.boundaries import (
@@ -23,6 +29,9 @@ if TYPE_CHECKING:
     )
     from floebmi.coast import (
         Coast as Coast,
+    )
+    from floebmi.contact import (
+        CompressiveFailure as CompressiveFailure,
     )
     from floebmi.contact import (
         Contact as Contact,
@@ -151,7 +160,10 @@ _HOME = {
     "Restitution": "contact",
     "frictional": "contact",
     "cohesive": "contact",
+    "CompressiveFailure": "contact",
     "TensileStrength": "bonds",
+    "Healing": "bonds",
+    "Beam": "bonds",
     "OceanDrag": "forces",
     "AirDrag": "forces",
     "Coriolis": "forces",

@@ -12,7 +12,7 @@ import numpy as np
 
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
-from floebmi.contact import Contact, prepare
+from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import PAIR_BUFFER, Step, taylor, touch, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
@@ -110,14 +110,14 @@ class Advance:
         self.walls = state.walls if len(state.walls) else None
         self.wall_law = None
         if self.walls is not None and contact is not None:
-            self.wall_law = self.contact._replace(friction=None, bonds=None)
+            self.wall_law = self.contact._replace(friction=None, bonds=None, failure=None)
         self.forces = forces
         self.density, self.draft_fraction = density, draft_fraction
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
         self.still = self.walls is not None or None in self.period
         self.constraint = np.zeros(3)
-        self.losses = np.zeros(4)
+        self.losses = np.zeros(5)
         self.lag = np.zeros(2)
         self.buffer = np.empty(PAIR_BUFFER)
 
@@ -177,9 +177,9 @@ class Advance:
     def _touch(self, dt: float) -> None:
         p = self.packed
         touch(
-            self.contact, self.wall_law, *self.period, p.floes, p.spinning, self.pairs.i, self.pairs.j,
-            self.pairs.slip, self.pairs.bonded, self.pairs.damped, self.walls, self.wall_floe,
-            self.wall_number, self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
+            self.contact, self.wall_law, *self.period, p.floes, p.spinning, p.friction,
+            p.tensile_strength, self.pairs, self.walls, self.wall_floe, self.wall_number,
+            self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
             self.constraint, self.buffer,
         )  # fmt: skip
 
@@ -209,6 +209,7 @@ class Advance:
         if len(new):
             old_place = np.concatenate([old_place, np.full(len(new), -1)])
             self._grow(len(new))
+            draw_own(self.floes, self.contact, self.state.rng)
         self._list(old, old_place)
         self._begin()
         if len(leaving):
@@ -377,25 +378,27 @@ class Advance:
                     f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
                     f"({speed[worst]:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
                 )
-            pair, share = deepest(*self.period, floes, self.pairs.i, self.pairs.j)
-            if share > 1.0:
-                one, other = self.packed.number[[self.pairs.i[pair], self.pairs.j[pair]]]
-                modulus = self.contact.elastic.youngs_modulus
-                raise StabilityError(
-                    f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
-                    f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
-                    f"now {modulus:.2g}, may hold"
-                )
+            if self.contact.failure is None:  # else floes raft: one lies over the other
+                self._check_overlaps(at)
+
+    def _check_overlaps(self, at: str) -> None:
+        p = self.packed
+        pair, share = deepest(*self.period, p.floes, self.pairs.i, self.pairs.j)
+        if share > 1.0:
+            one, other = p.number[[self.pairs.i[pair], self.pairs.j[pair]]]
+            modulus = self.contact.elastic.youngs_modulus
+            raise StabilityError(
+                f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
+                f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
+                f"now {modulus:.2g}, may hold"
+            )
 
     # ---- books -------------------------------------------------------------------------------------
 
     def elastic_energy(self) -> float:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
-        rows = look(
-            self.contact, *self.period, p.floes,
-            self.pairs.i, self.pairs.j, self.pairs.slip, self.pairs.bonded,
-        )  # fmt: skip
+        rows = look(self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs)
         energy = float(rows[:, 9].sum())
         for w, wall in enumerate(walls):
             near = p.floes[self.wall_floe[self.wall_number == w]]
@@ -421,10 +424,21 @@ class Advance:
         if len(self.packed.held) or self.constraint.any():
             x, y, work = self.constraint
             ledger.book("held floes and coast", x=x, y=y, energy=work)
-        for name, loss in zip(("friction", "dashpots", "broken bonds"), self.losses, strict=False):
+        *lost, broken = self.losses
+        accounts = "friction", "dashpots", "broken bonds", "compressive failure"
+        for name, loss in zip(accounts, lost, strict=True):
             if loss:
                 ledger.book(name, energy=-loss)
-        self.state.counters.bonds_broken += int(round(self.losses[3]))
+        self.state.counters.bonds_broken += int(round(broken))
+
+
+def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) -> None:
+    """Floes that have none yet get their own μ and σ_c, lognormal with the law's mean (eq. spread)."""
+    for name, (mean, spread) in own(contact).items():
+        values = getattr(floes, name)
+        new = np.flatnonzero(np.isnan(values))
+        width = np.sqrt(np.log1p(spread**2))
+        values[new] = mean * np.exp(width * rng.standard_normal(len(new)) - 0.5 * width**2)
 
 
 def floe_stock(floes: Floes, number: np.ndarray, density: float) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Contact between floes: a new law goes here, and only here.
 
-A contact law is made of parts, each a few numbers: elasticity, friction, bonds (in bonds.py), a dashpot.
+A contact law is made of parts, each a few numbers: elasticity, friction, bonds (in bonds.py), a dashpot,
+compressive failure.
 A part that is `None` is not in the machine code, and what only it needs is not allocated.
 """
 
@@ -9,10 +10,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.bonds import TensileStrength, hold
+from floebmi.bonds import (
+    TensileStrength,
+    beam_of,
+    bending,
+    bending_ratio,
+    hold,
+    tied,
+)
 from floebmi.errors import InputError
+from floebmi.geometry import lens
 from floebmi.kernels import dispatched, jit
 from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
+
+GRAVITY = 9.81  # [m/s²]
 
 
 class Elastic(NamedTuple):
@@ -36,10 +47,12 @@ class Coulomb(NamedTuple):
     ----------
     coefficient : friction coefficient μ [1]
     poisson_ratio : ν [1], sets k_t/k_n
+    spread : standard deviation of μ among floes, over μ [1] (eq. spread); else all are alike
     """
 
     coefficient: NonNegative = 0.3
     poisson_ratio: PoissonRatio = 0.185
+    spread: Positive | None = None
 
 
 class Damsgaard2018Coulomb(NamedTuple):
@@ -47,6 +60,7 @@ class Damsgaard2018Coulomb(NamedTuple):
 
     coefficient: NonNegative = 0.3
     poisson_ratio: PoissonRatio = 0.185
+    spread: Positive | None = None
 
 
 class Restitution(NamedTuple):
@@ -66,6 +80,21 @@ class Dashpot(NamedTuple):
     damping_ratio: NonNegative
 
 
+class CompressiveFailure(NamedTuple):
+    """Floes that press too hard fail, and then one slides over the other (eqs. compressive-failure, rafting).
+
+    Parameters
+    ----------
+    toughness : K [Pa m^0.5]; a pair fails at f_n = K h_min^1.5
+    coefficient : friction coefficient of floe on floe [1]
+    density_difference : of water and ice [kg/m³]; the buoyancy of the thinner floe presses the two together
+    """
+
+    toughness: Positive = 1.285e6
+    coefficient: NonNegative = 0.3
+    density_difference: Positive = 66.0
+
+
 class Contact(NamedTuple):
     """A contact law in parts; `None` leaves a part out."""
 
@@ -73,6 +102,7 @@ class Contact(NamedTuple):
     friction: Coulomb | Damsgaard2018Coulomb | None = None
     bonds: TensileStrength | None = None
     dashpot: Restitution | Dashpot | None = None
+    failure: CompressiveFailure | None = None
 
 
 def frictional(
@@ -107,6 +137,65 @@ def prepare(contact: Contact) -> Contact:
     if isinstance(contact.dashpot, Restitution):
         return contact._replace(dashpot=Dashpot(damping_ratio(contact.dashpot.coefficient)))
     return contact
+
+
+def check_bonds(contact: Contact | None) -> None:
+    """Refuse bonds that would start stronger than they are, or slip on another spring than friction does.
+
+    Raises
+    ------
+    InputError
+    """
+    if contact is None or contact.bonds is None:
+        return
+    strength, healing, beam = (
+        contact.bonds.tensile_strength,
+        contact.bonds.healing,
+        contact.bonds.beam,
+    )
+    if healing is not None and healing.initial > strength:
+        raise InputError(
+            f"Healing.initial = {healing.initial!r}: must be at most the tensile_strength, {strength!r}"
+        )
+    friction = contact.friction
+    if beam is not None and friction is not None and beam.poisson_ratio != friction.poisson_ratio:
+        raise InputError(
+            f"Beam.poisson_ratio = {beam.poisson_ratio!r}: must be that of friction, "
+            f"{friction.poisson_ratio!r}"
+        )
+
+
+def turns(contact: Contact | None) -> bool:
+    """Whether the law turns floes: friction does, and bonds that are beams."""
+    return contact is not None and bool(contact.friction or beam_of(contact.bonds))
+
+
+def own(contact: Contact | None) -> dict[str, tuple[float, float]]:
+    """What differs from floe to floe, by the names of `Floes`: its mean and its spread."""
+    if contact is None:
+        return {}
+    friction, bonds = contact.friction, contact.bonds
+    found = {}
+    if friction is not None and friction.spread is not None:
+        found["friction"] = friction.coefficient, friction.spread
+    if bonds is not None and bonds.spread is not None:
+        found["tensile_strength"] = bonds.tensile_strength, bonds.spread
+    return found
+
+
+def memories(contact: Contact | None) -> tuple[str, ...]:
+    """What a pair remembers from one exchange to the next, by the names of `pack.PairList`."""
+    if contact is None:
+        return ()
+    beam, failure = beam_of(contact.bonds), contact.failure
+    asked = {
+        "slip": contact.friction or beam or failure,
+        "bonded": contact.bonds,
+        "bent": beam,
+        "failed": failure,
+        "slid": failure,
+    }
+    return tuple(name for name, law in asked.items() if law is not None)
 
 
 def damping_ratio(restitution: float) -> float:
@@ -149,14 +238,19 @@ class PairForce(NamedTuple):
 
     f_n: float
     f_t: float
+    moment: float  # of a beam, on i
     slip: float
     bonded: float
     damped: float  # the dashpot's part of f_n
+    bent: float
+    failed: float
+    slid: float
     blow_n: float  # impulse [N s] that ends the step beside half a step of f_n and f_t (eq. part-of-a-step)
     blow_t: float
     friction_loss: float
     dashpot_loss: float
     bond_loss: float
+    failure_loss: float
 
 
 @jit
@@ -178,6 +272,39 @@ def _(friction: None):
 
 
 @dispatched
+def shear_spring(beam, friction):
+    """The part of the law that resists slip: the beam, or friction, or None; both have the same k_t."""
+    return beam
+
+
+@shear_spring.register
+def _(beam: None, friction):
+    return friction
+
+
+@dispatched
+def coefficient(friction):
+    """μ of all floes [1]; 0 without friction."""
+    return friction.coefficient
+
+
+@coefficient.register
+def _(friction: None):
+    return 0.0
+
+
+@dispatched
+def strength(bonds):
+    """σ_c of all floes [Pa]; 0 without bonds."""
+    return bonds.tensile_strength
+
+
+@strength.register
+def _(bonds: None):
+    return 0.0
+
+
+@dispatched
 def lever_arm(friction, radius, other_radius, gap):
     """Distance from a floe's centre to the contact point [m]."""
     return radius + 0.5 * gap
@@ -189,19 +316,19 @@ def _(friction: Damsgaard2018Coulomb, radius, other_radius, gap):
 
 
 @dispatched
-def tangential(friction, k_n, f_n, slip, slip_rate, dt):
-    """Tangential force on i before and now, the slip remembered, the energy lost (eq. coulomb-friction)."""
-    k_t = k_n * stiffness_ratio(friction)
+def tangential(spring, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
+    """Tangential force on i before and now, the slip remembered, the energy lost (eqs. coulomb-friction, bond-shear)."""
+    k_t = k_n * stiffness_ratio(spring)
     tried = slip + slip_rate * dt
-    limit = friction.coefficient * max(f_n, 0.0) / k_t
-    kept = min(max(tried, -limit), limit)
+    limit = mu * max(f_n, 0.0) / k_t
+    kept = tied(beam, bonded, tried, min(max(tried, -limit), limit))
     # the force is formed from the slip that is kept, so that forming it again gives the same bits;
     # the loss is what the mean force of the step does along the part of the slip that slid
     return -k_t * slip, -k_t * kept, kept, 0.5 * k_t * (slip + kept) * (tried - kept)
 
 
 @tangential.register
-def _(friction: None, k_n, f_n, slip, slip_rate, dt):
+def _(spring: None, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
     return 0.0, 0.0, 0.0, 0.0
 
 
@@ -234,11 +361,67 @@ def _(friction: Damsgaard2018Coulomb, gap, opening, dt):
     return dt
 
 
+@dispatched
+def fails(failure, failed, gap, k_n, h_min):
+    """Whether the ice of an overlapping pair has failed, or does so now: f_n > K h_min^1.5 (eq. compressive-failure)."""
+    return gap < 0.0 and (failed > 0.0 or -k_n * gap > failure.toughness * h_min * np.sqrt(h_min))
+
+
+@fails.register
+def _(failure: None, failed, gap, k_n, h_min):
+    return False
+
+
+@dispatched
+def raft(
+    failure, whole, failing, gap, opening, slip_rate, r_i, r_j, h_min, k_n, k_t, slip, bonded,
+    failed, slid, damped_before, dt,
+):  # fmt: skip
+    """The force once the ice has failed: Coulomb friction of floe on floe over their lens (eq. rafting).
+
+    The spring (slid, slip) along n and t is as stiff as the ice, and its force limited; a pair that fails
+    begins with the overlap that it had.  What it loses is what the forces before and after do along the way,
+    less what stays stored.  `whole` is the force of a pair that has not failed.
+    """
+    was_failed = failed > 0.0
+    if not (failing or was_failed):
+        return whole
+    press = failure.density_difference * GRAVITY * h_min * lens(r_i, r_j, r_i + r_j + gap)
+    limit = failure.coefficient * press / k_n
+    way_n, way_t = opening * dt, slip_rate * dt
+    tried_n, tried_t = slid + way_n if was_failed else gap, slip + way_t
+    size = np.sqrt(tried_n * tried_n + tried_t * tried_t)
+    share = limit / size if size > limit else 1.0
+    kept_n, kept_t = share * tried_n, share * tried_t
+    k_before = k_n if was_failed else k_t
+    before = gap - way_n if gap < way_n or bonded > 0.0 else 0.0
+    before = slid if was_failed else before
+    taken = 0.5 * k_n * (before + kept_n) * way_n + 0.5 * (k_before * slip + k_n * kept_t) * way_t
+    freed = k_n * before * before + k_before * slip * slip
+    loss = taken + 0.5 * (freed - k_n * (kept_n * kept_n + kept_t * kept_t))
+    return PairForce(
+        -k_n * kept_n, -k_n * kept_t, 0.0,
+        kept_t, 0.0, 0.0, 0.0, 1.0 if failing else 0.0, kept_n,
+        0.0, 0.0,
+        loss if was_failed else 0.0, -0.5 * damped_before * way_n, whole.bond_loss,
+        0.0 if was_failed else loss,
+    )  # fmt: skip
+
+
+@raft.register
+def _(
+    failure: None, whole, failing, gap, opening, slip_rate, r_i, r_j, h_min, k_n, k_t, slip, bonded,
+    failed, slid, damped_before, dt,
+):  # fmt: skip
+    return whole
+
+
 @jit
 def pair_force(
-    law, gap, opening, slip_rate, r_i, r_j, h_i, h_j, inverse_mass, slip, bonded, damped_before, dt
-):
-    """The contact law: gap δ [m] and its rate, slip rate [m/s], and what the pair remembers.
+    law, gap, opening, slip_rate, turn_rate, r_i, r_j, h_i, h_j, inverse_mass, mu, sigma,
+    slip, bonded, damped_before, bent, failed, slid, dt,
+):  # fmt: skip
+    """The contact law: gap δ [m] and its rate, slip rate [m/s], ω_j − ω_i, and what the pair remembers.
 
     A step gives half of its time to the force before it and half to the force after it.  Where floes
     touched for a part of the step only, the blow takes back what was too much of that one force; a bond
@@ -246,8 +429,16 @@ def pair_force(
     """
     k_n = stiffness(law.elastic, h_i, h_j)
     mean_radius = 2.0 * r_i * r_j / (r_i + r_j)
+    beam = beam_of(law.bonds)
+    spring = shear_spring(beam, law.friction)
+    k_t, k_b = k_n * stiffness_ratio(spring), k_n * bending_ratio(beam) * mean_radius**2
+    failing = fails(law.failure, failed, gap, k_n, min(h_i, h_j))
     was_bonded = bonded > 0.0
-    now_bonded = hold(law.bonds, gap, law.elastic.youngs_modulus, mean_radius, bonded)
+    modulus = law.elastic.youngs_modulus
+    shear = modulus * stiffness_ratio(beam) * abs(slip + slip_rate * dt) / mean_radius
+    fibre = 6.0 * modulus * bending_ratio(beam) * abs(bent + turn_rate * dt)
+    held = hold(law.bonds, sigma, modulus, mean_radius, gap, shear, fibre, bonded, dt)
+    now_bonded = 0.0 if failing else held
     touching = gap < 0.0 or now_bonded > 0.0
     elastic = -k_n * gap if touching else 0.0
     both = elastic - damping(law.dashpot, k_n, inverse_mass) * opening
@@ -255,7 +446,10 @@ def pair_force(
     f_n = (both if now_bonded > 0.0 else max(both, 0.0)) if touching else 0.0
     damped = f_n - elastic
     part = dt if was_bonded else time_in_contact(law.friction, gap, opening, dt)
-    f_t_before, f_t, kept, friction_loss = tangential(law.friction, k_n, f_n, slip, slip_rate, part)
+    f_t_before, f_t, kept, slip_loss = tangential(
+        spring, beam, mu, now_bonded, k_n, f_n, slip, slip_rate, part
+    )
+    moment, kept_bent, bend_loss = bending(beam, now_bonded, k_b, bent, turn_rate, dt)
     f_n_before = max(damped_before - k_n * (gap - opening * dt), 0.0)
     absent = 0.5 * (dt - part)
     blow_n = -absent * (f_n if touching else f_n_before)
@@ -264,8 +458,45 @@ def pair_force(
     blow_n += 0.5 * part * damped if met else 0.0
     breaks = was_bonded and not touching
     blow_n = -0.5 * dt * k_n * gap if breaks else blow_n
-    bond_loss = 0.5 * k_n * gap * gap if breaks else 0.0
+    snap_loss = 0.0 if failing else tied(beam, bonded, slip_loss, 0.0)
+    friction_loss = slip_loss - snap_loss
+    bond_loss = (0.5 * k_n * gap * gap if breaks else 0.0) + bend_loss + snap_loss
     dashpot_loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
-    return PairForce(
-        f_n, f_t, kept, now_bonded, damped, blow_n, blow_t, friction_loss, dashpot_loss, bond_loss
-    )
+    whole = PairForce(
+        f_n, f_t, moment, kept, now_bonded, damped, kept_bent, 0.0, 0.0, blow_n, blow_t,
+        friction_loss, dashpot_loss, bond_loss, 0.0,
+    )  # fmt: skip
+    return raft(
+        law.failure, whole, failing, gap, opening, slip_rate, r_i, r_j, min(h_i, h_j), k_n, k_t,
+        slip, bonded, failed, slid, damped_before, dt,
+    )  # fmt: skip
+
+
+@jit
+def stored(law, f, gap, r_i, r_j, h_i, h_j):
+    """Elastic energy of a pair with the force f [J]; while nothing is lost, the force is minus its slope."""
+    k_n = stiffness(law.elastic, h_i, h_j)
+    beam = beam_of(law.bonds)
+    k_t = k_n * stiffness_ratio(shear_spring(beam, law.friction))
+    k_b = k_n * bending_ratio(beam) * (2.0 * r_i * r_j / (r_i + r_j)) ** 2
+    if f.failed > 0.0:
+        return 0.5 * k_n * (f.slid * f.slid + f.slip * f.slip)
+    return 0.5 * (k_n * gap * gap + k_t * f.slip * f.slip + k_b * f.bent * f.bent)
+
+
+@dispatched
+def sliding_ratio(failure):
+    """Stiffness of floe on floe along the contact, over k_n [1]."""
+    return 1.0
+
+
+@sliding_ratio.register
+def _(failure: None):
+    return 0.0
+
+
+@jit
+def largest_ratio(law):
+    """The largest k_t/k_n that a pair may have [1]."""
+    spring = shear_spring(beam_of(law.bonds), law.friction)
+    return max(stiffness_ratio(spring), sliding_ratio(law.failure))

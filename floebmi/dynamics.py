@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from floebmi.contact import lever_arm, pair_force
+from floebmi.contact import coefficient, lever_arm, pair_force, strength
 from floebmi.forces import (
     A_X,
     A_Y,
@@ -45,7 +45,8 @@ from floebmi.quantities import Count, Positive, PositiveFraction
 FX, FY, TORQUE_I, TORQUE_J = (row * BLOCK for row in range(4))
 BLOW_X, BLOW_Y, BLOW_I, BLOW_J = (row * BLOCK for row in range(4, 8))
 DX, DY, R_I, R_J, H_I, H_J, DU, DV, W, OMEGA_I, OMEGA_J = (row * BLOCK for row in range(8, 19))
-PAIR_BUFFER = 19 * BLOCK
+MU, SIGMA = (row * BLOCK for row in range(19, 21))
+PAIR_BUFFER = 21 * BLOCK
 
 
 class Step(NamedTuple):
@@ -84,11 +85,12 @@ WALL = np.dtype(
 
 
 class Losses(NamedTuple):
-    """Energy lost in contacts [J] and bonds broken."""
+    """Energy lost in contacts [J], and bonds broken."""
 
     friction: float
     dashpot: float
     bonds: float
+    failure: float
     broken: float
 
 
@@ -337,23 +339,24 @@ def _(inverse_spin: None, first, n, inertia, h, constraint, buffer):
 
 @jit
 def touch(
-    law, wall_law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, walls,
-    wall_floe, wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint,
-    buffer,
+    law, wall_law, period_x, period_y, floes, spinning, mu, sigma, pairs, walls, wall_floe,
+    wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
     """Add the contact forces at the present place; `dt` is the time over which contacts have slipped.
 
     Floes whose contact opened or closed in that time are struck, unless `inverse_x` is None.
     """
     losses = touch_floes(
-        law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
+        law, period_x, period_y, floes, spinning, mu, sigma, pairs, dt, force,
         inverse_x, inverse_y, inverse_spin, constraint, buffer,
     )  # fmt: skip
     wall_loss = touch_walls(
         wall_law, floes, walls, wall_floe, wall_number, wall_damped, dt, force,
         inverse_x, inverse_y, constraint,
     )  # fmt: skip
-    return Losses(losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.broken)
+    return Losses(
+        losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.failure, losses.broken
+    )
 
 
 @jit
@@ -378,10 +381,13 @@ def _(spinning: None, force, first, n):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
+    law, period_x, period_y, floes, spinning, mu, sigma, pairs, dt, force,
     inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
-    friction_loss, dashpot_loss, bond_loss, broken = 0.0, 0.0, 0.0, 0.0
+    pair_i, pair_j = pairs.i, pairs.j
+    slip, bonded, damped = pairs.slip, pairs.bonded, pairs.damped
+    bent, failed, slid = pairs.bent, pairs.failed, pairs.slid
+    friction_loss, dashpot_loss, bond_loss, failure_loss, broken = 0.0, 0.0, 0.0, 0.0, 0.0
     for first in range(0, pair_i.size, BLOCK):
         n = min(BLOCK, pair_i.size - first)
         for k in range(n):
@@ -397,6 +403,8 @@ def touch_floes(
             buffer[DV + k] = other.v - one.v
             buffer[W + k] = one.w + other.w
             gather_spin(spinning, i, j, k, buffer)
+            gather_least(mu, i, j, MU + k, buffer)
+            gather_least(sigma, i, j, SIGMA + k, buffer)
         for k in range(n):
             dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
             r_i, r_j = buffer[R_I + k], buffer[R_J + k]
@@ -411,21 +419,28 @@ def touch_floes(
             slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
             was_bonded = recall(bonded, first + k)
             f = pair_force(
-                law, gap, opening, slip_rate, r_i, r_j,
+                law, gap, opening, slip_rate, twisting(bent, k, buffer), r_i, r_j,
                 buffer[H_I + k], buffer[H_J + k], buffer[W + k],
-                recall(slip, first + k), was_bonded, recall(damped, first + k), dt,
+                least(mu, coefficient(law.friction), MU + k, buffer),
+                least(sigma, strength(law.bonds), SIGMA + k, buffer),
+                recall(slip, first + k), was_bonded, recall(damped, first + k),
+                recall(bent, first + k), recall(failed, first + k), recall(slid, first + k), dt,
             )  # fmt: skip
             remember(damped, first + k, f.damped)
             remember(slip, first + k, f.slip)
             remember(bonded, first + k, f.bonded)
+            remember(bent, first + k, f.bent)
+            remember(failed, first + k, f.failed)
+            remember(slid, first + k, f.slid)
             friction_loss += f.friction_loss
             dashpot_loss += f.dashpot_loss
             bond_loss += f.bond_loss
-            broken += max(was_bonded - f.bonded, 0.0)
+            failure_loss += f.failure_loss
+            broken += 1.0 if was_bonded > 0.0 and f.bonded <= 0.0 else 0.0
             buffer[FX + k] = -f.f_n * nx - f.f_t * ny
             buffer[FY + k] = -f.f_n * ny + f.f_t * nx
-            buffer[TORQUE_I + k] = f.f_t * a_i
-            buffer[TORQUE_J + k] = f.f_t * a_j
+            buffer[TORQUE_I + k] = f.f_t * a_i + f.moment
+            buffer[TORQUE_J + k] = f.f_t * a_j - f.moment
             buffer[BLOW_X + k] = -f.blow_n * nx - f.blow_t * ny
             buffer[BLOW_Y + k] = -f.blow_n * ny + f.blow_t * nx
             buffer[BLOW_I + k] = f.blow_t * a_i
@@ -441,15 +456,15 @@ def touch_floes(
             inverse_x, inverse_y, inverse_spin, floes, spinning, pair_i, pair_j, first, n,
             constraint, buffer,
         )  # fmt: skip
-    return Losses(friction_loss, dashpot_loss, bond_loss, broken)
+    return Losses(friction_loss, dashpot_loss, bond_loss, failure_loss, broken)
 
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, floes, spinning, pair_i, pair_j, slip, bonded, damped, dt, force,
+    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, dt, force,
     inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
-    return Losses(0.0, 0.0, 0.0, 0.0)
+    return Losses(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dispatched
@@ -472,6 +487,49 @@ def turning(spinning, a_i, a_j, k, buffer):
 @turning.register
 def _(spinning: None, a_i, a_j, k, buffer):
     return 0.0
+
+
+@dispatched
+def twisting(bent, k, buffer):
+    """Rate at which j turns against i [rad/s]."""
+    return buffer[OMEGA_J + k] - buffer[OMEGA_I + k]
+
+
+@twisting.register
+def _(bent: None, k, buffer):
+    return 0.0
+
+
+@dispatched
+def least_of(own, of_all, i, j):
+    """Of two floes with a property of their own, the pair has the smaller (eq. spread)."""
+    return min(own[i], own[j])
+
+
+@least_of.register
+def _(own: None, of_all, i, j):
+    return of_all
+
+
+@dispatched
+def gather_least(own, i, j, slot, buffer):
+    buffer[slot] = least_of(own, 0.0, i, j)
+
+
+@gather_least.register
+def _(own: None, i, j, slot, buffer):
+    pass
+
+
+@dispatched
+def least(own, of_all, slot, buffer):
+    """What was gathered, or what all floes have alike."""
+    return buffer[slot]
+
+
+@least.register
+def _(own: None, of_all, slot, buffer):
+    return of_all
 
 
 @dispatched
@@ -561,8 +619,8 @@ def touch_walls(
         gap = wall.side * ((floe.x if along_x else floe.y) - wall.position) - floe.r
         opening = wall.side * ((floe.u if along_x else floe.v) - wall.speed)
         f = pair_force(
-            wall_law, gap, opening, 0.0, floe.r, floe.r, floe.h, floe.h, floe.w, 0.0, 0.0,
-            recall(wall_damped, q), dt,
+            wall_law, gap, opening, 0.0, 0.0, floe.r, floe.r, floe.h, floe.h, floe.w, 0.0, 0.0,
+            0.0, 0.0, recall(wall_damped, q), 0.0, 0.0, 0.0, dt,
         )  # fmt: skip
         remember(wall_damped, q, f.damped)
         if along_x:
@@ -639,8 +697,8 @@ def verlet(
         if due:
             lag[:] = 0.0
         lost = touch(
-            law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
-            pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
+            law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
+            p.tensile_strength, pairs, walls, wall_floe, wall_number, wall_damped, dt, p.force,
             p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
@@ -670,8 +728,8 @@ def taylor(
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force, 0, p.floes.size)
         lost = touch(
-            law, wall_law, period_x, period_y, p.floes, p.spinning, pairs.i, pairs.j, pairs.slip,
-            pairs.bonded, pairs.damped, walls, wall_floe, wall_number, wall_damped, dt, p.force,
+            law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
+            p.tensile_strength, pairs, walls, wall_floe, wall_number, wall_damped, dt, p.force,
             None, None, None, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
@@ -741,4 +799,5 @@ def book_losses(losses, lost):
     losses[0] += lost.friction
     losses[1] += lost.dashpot
     losses[2] += lost.bonds
-    losses[3] += lost.broken
+    losses[3] += lost.failure
+    losses[4] += lost.broken

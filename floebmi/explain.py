@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from floebmi import calibration
+from floebmi.contact import turns
 from floebmi.floes import FIXED
 from floebmi.forces import AirDrag, OceanDrag
 from floebmi.running import duration_text
@@ -106,8 +107,10 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
         ]
     if floes.rotation:
         why = (
-            "friction turns floes" if contact and contact.friction else "[ice] rotation asks for it"
-        )
+            "friction turns floes" if contact and contact.friction
+            else "bonds that bend turn floes" if turns(contact)
+            else "[ice] rotation asks for it"
+        )  # fmt: skip
         rows.append(("rotation", f"because {why}"))
     tables = {"OceanDrag": "ocean", "AirDrag": "atmosphere", "BodyForce": "body_force"}
     for force in model.forces:
@@ -216,5 +219,9 @@ def _span(values: np.ndarray) -> str:
 
 
 def _numbers(law: tuple) -> str:
-    fields = law._asdict()
-    return ", ".join(f"{name} {value:.4g}" for name, value in fields.items()) or "its field"
+    parts = [
+        f"{name} ({_numbers(value)})" if hasattr(value, "_asdict") else f"{name} {value:.4g}"
+        for name, value in law._asdict().items()
+        if value is not None
+    ]
+    return ", ".join(parts) or "its field"

@@ -31,6 +31,7 @@ _TYPES: dict[str, type] = {
     "motion": np.int8,
 }
 _ROTATION_TYPES: dict[str, type] = {"angle": np.float64, "angular_velocity": np.float64}
+_OWN_TYPES: dict[str, type] = {"friction": np.float64, "tensile_strength": np.float64}
 _UNITS = {
     "x": "m",
     "y": "m",
@@ -40,6 +41,8 @@ _UNITS = {
     "thickness": "m",
     "angle": "rad",
     "angular_velocity": "rad/s",
+    "friction": "",
+    "tensile_strength": "Pa",
 }
 
 
@@ -55,15 +58,19 @@ class _Column:
         return floes._columns[self.name][: len(floes)]
 
     def __set__(self, floes: "Floes", values: ArrayLike) -> None:
-        if self.name not in floes._columns:
+        if self.name in _ROTATION_TYPES and self.name not in floes._columns:
             raise InputError(
                 f"floes.{self.name}: these floes do not rotate; allow_rotation() first"
+            )
+        if self.name not in floes._columns:
+            raise InputError(
+                f"floes.{self.name}: all floes are alike; list a spread in the contact law"
             )
         floes._columns[self.name][: len(floes)] = values
 
 
-class _RotationColumn(_Column):
-    """A property that exists only for floes that rotate; else it is None."""
+class _OptionalColumn(_Column):
+    """A property that exists only where the scene asks for it; else it is None."""
 
     def __get__(self, floes: "Floes", owner: type | None = None) -> np.ndarray | None:
         if floes is not None and self.name not in floes._columns:
@@ -91,6 +98,8 @@ class Floes:
     ----------
     x, y, u, v, radius, thickness, active, motion : arrays of shape (n,)
     angle, angular_velocity : arrays of shape (n,), or None where floes do not rotate
+    friction, tensile_strength : each floe's own μ [1] and σ_c [Pa], shape (n,), where the contact law
+        lists a spread of them, else None; the model draws those of new floes, which are NaN till then
 
     Arrays are views on storage that grows by doubling: after `add`, take them from the floes again.
 
@@ -118,8 +127,10 @@ class Floes:
     thickness = _Column()
     active = _Column()
     motion = _Column()
-    angle = _RotationColumn()
-    angular_velocity = _RotationColumn()
+    angle = _OptionalColumn()
+    angular_velocity = _OptionalColumn()
+    friction = _OptionalColumn()
+    tensile_strength = _OptionalColumn()
 
     def __init__(
         self,
@@ -231,7 +242,9 @@ class Floes:
         self._reserve(first + k)
         self._n += k
         for name, column in self._columns.items():
-            column[first : first + k] = True if name == "active" else values[name]
+            column[first : first + k] = (
+                np.nan if name in _OWN_TYPES else True if name == "active" else values[name]
+            )
         return np.arange(first, first + k)
 
     def allow_rotation(self) -> None:
@@ -239,6 +252,11 @@ class Floes:
         capacity = len(self._columns["x"])
         for name, kind in _ROTATION_TYPES.items():
             self._columns.setdefault(name, np.zeros(capacity, kind))
+
+    def allow_own(self, name: str) -> None:
+        """Give each floe its own "friction" or "tensile_strength", NaN if it has none yet."""
+        capacity = len(self._columns["x"])
+        self._columns.setdefault(name, np.full(capacity, np.nan, _OWN_TYPES[name]))
 
     def check(self) -> None:
         """Refuse values that are not finite or out of bounds, such as an edit can leave behind.
@@ -270,15 +288,19 @@ class Floes:
         """All floes of some groups in one, numbered in the order given; inactive ones stay so.
 
         They rotate if any group does; those of the other groups get angle and angular velocity
-        zero.
+        zero.  Likewise with a friction or strength of their own, NaN.
         """
         floes = Floes([], [], [], [], rotation=any(group.rotation for group in groups))
+        for name in _OWN_TYPES:
+            if any(getattr(group, name) is not None for group in groups):
+                floes.allow_own(name)
         floes._reserve(sum(len(group) for group in groups))
         for group in groups:
             first, floes._n = floes._n, floes._n + len(group)
             for name, column in floes._columns.items():
                 here = getattr(group, name)
-                column[first : floes._n] = 0.0 if here is None else here
+                missing = np.nan if name in _OWN_TYPES else 0.0
+                column[first : floes._n] = missing if here is None else here
         return floes
 
     def _reserve(self, n: int) -> None:
@@ -330,11 +352,15 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
     wrong = ~np.isfinite(values)
     if name in ("radius", "thickness"):
         wrong |= values <= 0
+    if name in _OWN_TYPES:
+        wrong |= values < 0
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         value = float(values[row])
-        right = "greater than 0" if np.isfinite(value) else "a finite number"
-        raise InputError(f"floe {first + row}: {name} = {value!r} {unit}; must be {right}")
+        bound = "at least 0" if name in _OWN_TYPES else "greater than 0"
+        right = bound if np.isfinite(value) else "a finite number"
+        given = f"{value!r} {unit}".strip()
+        raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")
 
 
 def without_small(floes: Floes, radius: float) -> Floes:

@@ -152,3 +152,19 @@ def disc_rectangle(
             corner = disc_south_west(px, py, disc_west(px, r), disc_west(py, r), r)
             total += sign_x * sign_y * corner
     return max(total, 0.0)
+
+
+@jit
+def lens(r_i, r_j, distance):
+    """Area that two discs have in common [m²], their centres `distance` [m] apart."""
+    if distance >= r_i + r_j:
+        return 0.0
+    small = min(r_i, r_j)
+    if distance <= abs(r_i - r_j):
+        return math.pi * small * small
+    area = 0.0
+    for a, b in ((r_i, r_j), (r_j, r_i)):
+        cosine = (distance * distance + a * a - b * b) / (2.0 * distance * a)
+        angle = math.acos(min(max(cosine, -1.0), 1.0))
+        area += a * a * (angle - math.sin(angle) * math.cos(angle))
+    return area

@@ -21,10 +21,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from floebmi import __version__
-from floebmi.advance import Advance, Counters, State
+from floebmi.advance import Advance, Counters, State, draw_own
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
 from floebmi.budgets import Ledger
-from floebmi.contact import Contact, prepare
+from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import Floes
@@ -60,7 +60,7 @@ from floebmi.gridding import (
 )
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, PairList, look, remembered
-from floebmi.quantities import check
+from floebmi.quantities import check, words
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -189,8 +189,13 @@ class Model:
         self.seed = seed
         self.time = 0.0
         self._check_laws()
-        if rotation or (contact is not None and contact.friction is not None):
+        if rotation or turns(contact):
             floes.allow_rotation()
+        rng = np.random.Generator(np.random.PCG64(seed))
+        self._refuse_strangers()
+        for name in own(contact):
+            floes.allow_own(name)
+        draw_own(floes, contact, rng)
         floes.check()
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
         kinds = {type(force) for force in self.forces}
@@ -209,7 +214,7 @@ class Model:
             self._nothing_remembered(),
             None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
             None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
-            np.random.Generator(np.random.PCG64(seed)),
+            rng,
             tuple(Feeder(one, domain) for one in self.inflow),
         )
         self._last_duration = 0.0
@@ -244,6 +249,7 @@ class Model:
             )
         check(self.forces)
         check(self.contact or ())
+        check_bonds(self.contact)
         if self.sampling not in ("overlap", "centre"):
             raise InputError(
                 f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"
@@ -266,6 +272,15 @@ class Model:
         if self.draft_fraction > 1:
             raise InputError(f"draft_fraction = {self.draft_fraction!r}: must be at most 1")
 
+    def _refuse_strangers(self) -> None:
+        """Floes that have of their own what the law does not spread come from another model."""
+        for name, part in (("friction", "friction"), ("tensile_strength", "bonds")):
+            if getattr(self.floes, name) is not None and name not in own(self.contact):
+                raise InputError(
+                    f"floes.{name}: each floe has its own, but contact.{part} lists no spread; list it, "
+                    "or make new floes"
+                )
+
     def _refuse_overlaps(self) -> None:
         if self.contact is None or not len(self.floes):
             return
@@ -280,15 +295,9 @@ class Model:
             )
 
     def _nothing_remembered(self) -> PairList:
-        n, c = len(self.floes), self.contact
         none = np.zeros(0, np.uint32)
-        return PairList(
-            np.zeros(n + 1, np.int64),
-            none,
-            none,
-            np.zeros(0) if c is not None and c.friction is not None else None,
-            np.zeros(0) if c is not None and c.bonds is not None else None,
-        )
+        memory = {name: np.zeros(0) for name in memories(self.contact)}
+        return PairList(np.zeros(len(self.floes) + 1, np.int64), none, none, **memory)
 
     # ---- one exchange ------------------------------------------------------------------------------
 
@@ -302,6 +311,7 @@ class Model:
 
     def _look(self) -> _Seen:
         """What is known about the floes as they are now; forgotten when they change."""
+        draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
         if not _same(self._seen.floes, self.floes):
             self._seen = _Seen(self.floes)
         return self._seen
@@ -351,8 +361,8 @@ class Model:
         if duration == 0:
             return
         self._check_fluids()
-        self.floes.check()
         seen = self._look()
+        self.floes.check()
         self._at = self._allocate()
         weights = self._sample(seen)
         known = len(self.floes)
@@ -575,7 +585,7 @@ class Model:
     def _contacts(self, now: Advance) -> Contacts:
         p, pairs = now.packed, now.pairs
         law = None if self.contact is None else prepare(self.contact)
-        rows = look(law, *self.domain.period, p.floes, pairs.i, pairs.j, pairs.slip, pairs.bonded)
+        rows = look(law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs)
         touching = rows[:, 0] > 0 if len(rows) else np.zeros(0, bool)
         i, j = p.number[pairs.i[: len(rows)][touching]], p.number[pairs.j[: len(rows)][touching]]
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
@@ -689,9 +699,10 @@ class Model:
         if f.rotation:
             state["floes_angle"] = f.angle.copy()
             state["floes_angular_velocity"] = f.angular_velocity.copy()
-        for name in ("slip", "bonded"):
-            if getattr(s.memory, name) is not None:
-                state[f"pair_{name}"] = getattr(s.memory, name)
+        for name in own(self.contact):
+            state[f"floes_{name}"] = getattr(f, name).copy()
+        for name, values in s.memory.memory().items():
+            state[f"pair_{name}"] = values
         for name in ("previous", "remainder"):
             if getattr(s, name) is not None:
                 state[name] = getattr(s, name).copy()
@@ -737,6 +748,9 @@ class Model:
             **rotation,
         )
         floes.active[:] = of_floes("active").astype(bool)
+        for name in own(self.contact):
+            floes.allow_own(name)
+            setattr(floes, name, of_floes(name))
         s = self._state
         self.floes = floes
         self.time = float(state["time"])
@@ -749,10 +763,7 @@ class Model:
             np.asarray(state["pair_start"], np.int64),
             np.asarray(state["pair_i"], np.uint32),
             np.asarray(state["pair_j"], np.uint32),
-            *(
-                np.asarray(state[f"pair_{name}"], float) if f"pair_{name}" in state else None
-                for name in ("slip", "bonded")
-            ),
+            **{name: np.asarray(state[f"pair_{name}"], float) for name in memories(self.contact)},
         )
         for name, columns in (("previous", 3), ("remainder", 2)):
             if getattr(s, name) is not None:
@@ -780,6 +791,7 @@ class Model:
             ("friction", c is not None and c.friction is None),
             ("bonds", c is not None and c.bonds is None),
             ("dashpots", c is not None and c.dashpot is None),
+            ("compressive failure", c is not None and c.failure is None),
             ("rotation", not self.floes.rotation),
             ("ocean drag", OceanDrag not in kinds),
             ("wind", AirDrag not in kinds),
@@ -808,7 +820,7 @@ class Model:
             f"├─ contact: {'none (free drift)' if self.contact is None else ''}",
         ]
         if self.contact is not None:
-            lines += [f"│  ├─ {part!r}" for part in self.contact if part is not None]
+            lines += [f"│  ├─ {words(part)}" for part in self.contact if part is not None]
         lines.append(f"├─ forces: {'' if self.forces else 'none'}")
         for force in self.forces:
             fluid = self._fluid_of(force)
@@ -837,6 +849,9 @@ class Model:
 def _same(one: Floes, other: Floes) -> bool:
     names = ("x", "y", "u", "v", "radius", "thickness", "active", "motion")
     names += ("angle", "angular_velocity") if one.rotation and other.rotation else ()
+    names += tuple(
+        name for name in ("friction", "tensile_strength") if getattr(one, name) is not None
+    )
     return len(one) == len(other) and all(
         np.array_equal(getattr(one, name), getattr(other, name)) for name in names
     )

@@ -213,8 +213,11 @@ def _window(position, s, width, n, period):
 
 
 @jit
-def carry(pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, memory):
-    """Take over what pairs remember: `number` is a floe's number for ever, `old_place` its old row."""
+def carry(pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, memory, sign):
+    """Take over what pairs remember: `number` is a floe's number for ever, `old_place` its old row.
+
+    sign : 1, or −1 for what changes its sign when i and j change places
+    """
     for p in range(pairs_i.size):
         a = old_place[number[pairs_i[p]]]
         b = old_place[number[pairs_j[p]]]
@@ -224,4 +227,4 @@ def carry(pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, mem
                     memory[p] = old_memory[q]
             for q in range(old_start[b], old_start[b + 1]):
                 if old_j[q] == a:
-                    memory[p] = old_memory[q]
+                    memory[p] = sign * old_memory[q]

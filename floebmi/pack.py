@@ -8,16 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.bonds import stretch
+from floebmi.bonds import beam_of, bending_ratio, stretch
 from floebmi.contact import (
     Contact,
+    coefficient,
     damping,
+    largest_ratio,
     lever_arm,
+    memories,
     pair_force,
     stiffness,
-    stiffness_ratio,
+    stored,
+    strength,
 )
-from floebmi.dynamics import Step, recall, wrap
+from floebmi.dynamics import Step, least_of, recall, wrap
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import dispatched, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
@@ -54,17 +58,27 @@ class Packed(NamedTuple):
     previous: np.ndarray | None  # contact accelerations of the last step, for the paper's schemes
     origin_x: float  # of the records' coordinates
     origin_y: float
+    friction: np.ndarray | None  # μ and σ_c of each floe, where they differ
+    tensile_strength: np.ndarray | None
 
 
 class PairList(NamedTuple):
-    """Candidate pairs and what they remember: slip [m] with friction, bonded (1 or 0) with bonds."""
+    """Candidate pairs and what they remember; see `contact.memories`."""
 
     start: np.ndarray
     i: np.ndarray
     j: np.ndarray
-    slip: np.ndarray | None
-    bonded: np.ndarray | None
+    slip: np.ndarray | None = None  # of the spring along t [m]
+    bonded: np.ndarray | None = None  # see `bonds.hold`
+    bent: np.ndarray | None = None  # angle of j against i since they bonded [rad]
+    failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes part
+    slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
     damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What lasts beyond the list, by name."""
+        named = {name: getattr(self, name) for name in ("slip", "bonded", "bent", "failed", "slid")}
+        return {name: values for name, values in named.items() if values is not None}
 
 
 def pack(
@@ -124,6 +138,8 @@ def pack(
         first_y,
         None if previous is None else previous[number],
         *origin,
+        None if floes.friction is None else floes.friction[number],
+        None if floes.tensile_strength is None else floes.tensile_strength[number],
     )
 
 
@@ -155,7 +171,10 @@ def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
     """How far a floe may interact [m]: its radius, the gap that a bond spans, half the skin."""
     if contact is None:
         return np.ascontiguousarray(packed.floes.r)
-    gap = stretch(contact.bonds, contact.elastic.youngs_modulus)
+    strongest = packed.tensile_strength
+    if strongest is None:
+        strongest = strength(contact.bonds)
+    gap = stretch(strongest, contact.elastic.youngs_modulus)
     return packed.floes.r * (1.0 + gap) + 0.5 * skin
 
 
@@ -173,45 +192,50 @@ def list_pairs(
     """
     if contact is None or len(packed.number) < 2:
         empty = np.zeros(0, np.uint32)
-        slip = None if contact is None or contact.friction is None else np.zeros(0)
-        bonded = None if contact is None or contact.bonds is None else np.zeros(0)
-        damped = None if contact is None or contact.dashpot is None else np.zeros(0)
         start = np.zeros(len(packed.number) + 1, np.int64)
-        return PairList(start, empty, empty, slip, bonded, damped)
+        return PairList(start, empty, empty, **_nothing(contact, 0))
     found = find_pairs(packed.floes.x, packed.floes.y, reach(packed, contact, skin), period)
     start, i, j = found.start, found.i.view(np.uint32), found.j.view(np.uint32)
     if packed.land.any():  # pieces of coast lie over each other as they like
         keep = ~(packed.land[i] & packed.land[j])
         start, i, j = np.concatenate([[0], np.cumsum(keep)])[start], i[keep], j[keep]
-    memories = []
-    for law, memory in ((contact.friction, old.slip), (contact.bonds, old.bonded)):
-        if law is None:
-            memories.append(None)
-            continue
-        new = np.zeros(len(i))
-        if memory is not None and len(memory):
-            carry(i, j, packed.number, old.start, old.j, old_place, memory, new)
-        memories.append(new)
-    damped = None if contact.dashpot is None else np.zeros(len(i))
-    return PairList(start, i, j, *memories, damped)
+    new = PairList(start, i, j, **_nothing(contact, len(i)))
+    for name, memory in old.memory().items():
+        if len(memory):
+            sign = _sign_of_reverse(name)
+            carry(
+                i, j, packed.number, old.start, old.j, old_place, memory, getattr(new, name), sign
+            )
+    return new
+
+
+def _sign_of_reverse(name: str) -> float:
+    """Seen from j, the angle by which the other has turned is the opposite; all else is the same."""
+    return -1.0 if name == "bent" else 1.0
+
+
+def _nothing(contact: Contact | None, n: int) -> dict[str, np.ndarray]:
+    """The memory of n pairs that remember nothing yet."""
+    names = memories(contact)
+    if contact is not None and contact.dashpot is not None:
+        names += ("damped",)
+    return {name: np.zeros(n) for name in names}
 
 
 def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:
     """The pairs that remember anything, by number of n floes, in an order that depends on nothing else."""
     keep = np.zeros(len(pairs.i), bool)
-    for memory in (pairs.slip, pairs.bonded):
-        if memory is not None:
-            keep |= memory != 0.0
+    for memory in pairs.memory().values():
+        keep |= memory != 0.0
     a, b = packed.number[pairs.i[keep]], packed.number[pairs.j[keep]]
     low, high = np.minimum(a, b), np.maximum(a, b)
     order = np.lexsort((high, low))
     start = np.searchsorted(low[order], np.arange(n + 1))
-    slip, bonded = (
-        None if memory is None else memory[keep][order] for memory in (pairs.slip, pairs.bonded)
-    )
-    return PairList(
-        start, low[order].astype(np.uint32), high[order].astype(np.uint32), slip, bonded
-    )
+    memory = {
+        name: np.where(a > b, _sign_of_reverse(name), 1.0)[order] * values[keep][order]
+        for name, values in pairs.memory().items()
+    }
+    return PairList(start, low[order].astype(np.uint32), high[order].astype(np.uint32), **memory)
 
 
 # ---- the stable step --------------------------------------------------------------------------------
@@ -285,7 +309,7 @@ def _stiffest(
     # Each floe is then a 3 × 3 problem of its own in (x, y, r θ/√2), divided by its mass.
     n = floes.size
     sums = np.zeros((n, 7))
-    ratio = stiffness_ratio(law.friction)
+    ratio, bend = largest_ratio(law), bending_ratio(beam_of(law.bonds))
     for p in range(pair_i.size):
         i, j = pair_i[p], pair_j[p]
         one, other = floes[i], floes[j]
@@ -298,8 +322,9 @@ def _stiffest(
         gap = distance - one.r - other.r
         a_i = lever_arm(law.friction, one.r, other.r, gap) / one.r
         a_j = lever_arm(law.friction, other.r, one.r, gap) / other.r
-        add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, c, nx, ny, a_i)
-        add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, c, -nx, -ny, a_j)
+        k_b = bend * k_n * (2.0 * one.r * other.r / (one.r + other.r)) ** 2
+        add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
+        add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
     for q in range(wall_floe.size):
         k = wall_floe[q]
         wall = walls[wall_number[q]]
@@ -307,7 +332,7 @@ def _stiffest(
         k_n = stiffness(law.elastic, floes[k].h, floes[k].h)
         nx = 1.0 if wall.axis == 0 else 0.0
         c = damping(law.dashpot, k_n, w)
-        add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, c, nx, 1.0 - nx, 0.0)
+        add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, 0.0, c, nx, 1.0 - nx, 0.0)
     highest, which, rate = 0.0, -1, 0.0
     for k in range(n):
         w = max(inverse_x[k], inverse_y[k])
@@ -322,7 +347,7 @@ def _stiffest(
 
 
 @jit
-def add_stiffness(sums, i, w_i, w_j, k_n, k_t, c, nx, ny, arm):
+def add_stiffness(sums, i, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
     if w_i == 0.0:
         return
     share = (1.0 + np.sqrt(w_j / w_i)) * w_i
@@ -333,7 +358,7 @@ def add_stiffness(sums, i, w_i, w_j, k_n, k_t, c, nx, ny, arm):
     row[2] += share * (k_n - k_t) * nx * ny
     row[3] += share * k_t * spin * ny  # t = (−n_y, n_x); b = (t, a)
     row[4] -= share * k_t * spin * nx
-    row[5] += share * k_t * spin * spin
+    row[5] += share * (k_t * spin * spin + 2.0 * k_b)
     row[6] += share * c
 
 
@@ -379,41 +404,44 @@ class Contacts(NamedTuple):
 
 
 @jit
-def look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
+def look(law, period_x, period_y, floes, mu, sigma, pairs):
     """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
-    return _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded)
+    return _look(law, period_x, period_y, floes, mu, sigma, pairs)
 
 
 @dispatched
-def _look(law, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
-    rows = np.zeros((pair_i.size, 10))
-    for p in range(pair_i.size):
-        one, other = floes[pair_i[p]], floes[pair_j[p]]
+def _look(law, period_x, period_y, floes, mu, sigma, pairs):
+    rows = np.zeros((pairs.i.size, 10))
+    for p in range(pairs.i.size):
+        i, j = pairs.i[p], pairs.j[p]
+        one, other = floes[i], floes[j]
         dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
         distance = np.sqrt(dx * dx + dy * dy)
         nx, ny = dx / distance, dy / distance
         gap = distance - (one.r + other.r)
-        was_bonded, was_slip = recall(bonded, p), recall(slip, p)
-        if gap >= 0.0 and was_bonded == 0.0:
+        was_bonded = recall(pairs.bonded, p)
+        if gap >= 0.0 and was_bonded <= 0.0:
             continue
         f = pair_force(
-            law, gap, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0, was_slip, was_bonded, 0.0, 0.0
-        )
-        k_n = stiffness(law.elastic, one.h, other.h)
+            law, gap, 0.0, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0,
+            least_of(mu, coefficient(law.friction), i, j),
+            least_of(sigma, strength(law.bonds), i, j),
+            recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
+            recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
+        )  # fmt: skip
         touching = gap < 0.0 or f.bonded > 0.0
-        k_t = k_n * stiffness_ratio(law.friction)
         row = rows[p]
         row[0] = 1.0 if touching else 0.0
         row[1], row[2] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
         row[3], row[4] = dx, dy
         row[5], row[6] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
         row[7], row[8] = -gap, f.bonded
-        row[9] = 0.5 * (k_n * gap * gap + k_t * f.slip * f.slip) if touching else 0.0
+        row[9] = stored(law, f, gap, one.r, other.r, one.h, other.h) if touching else 0.0
     return rows
 
 
 @_look.register
-def _(law: None, period_x, period_y, floes, pair_i, pair_j, slip, bonded):
+def _(law: None, period_x, period_y, floes, mu, sigma, pairs):
     return np.empty((0, 10))
 
 

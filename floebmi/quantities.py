@@ -36,7 +36,20 @@ def check(laws: Iterable[object]) -> None:
             continue
         hints = get_type_hints(type(law), include_extras=True)
         for name, value in law._asdict().items():
-            _check_number(f"{type(law).__name__}.{name}", value, hints[name])
+            if hasattr(value, "_asdict"):  # a law within a law
+                check([value])
+            else:
+                _check_number(f"{type(law).__name__}.{name}", value, hints[name])
+
+
+def words(law: tuple) -> str:
+    """A law as one would write it in Python, without what is absent."""
+    parts = [
+        f"{name}={words(value) if hasattr(value, '_asdict') else repr(value)}"
+        for name, value in law._asdict().items()
+        if value is not None
+    ]
+    return f"{type(law).__name__}({', '.join(parts)})"
 
 
 def _check_number(place: str, value: object, hint: object) -> None:

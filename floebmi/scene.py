@@ -21,6 +21,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Edge, Inflow, Wall, check_domain
 from floebmi.contact import (
+    CompressiveFailure,
     Contact,
     Coulomb,
     Damsgaard2018Coulomb,
@@ -418,13 +419,16 @@ class Parts(Table):
     ) = Field(None, description="friction, with rotation")
     bonds: TensileStrength | None = Field(None, description="tensile strength")
     dashpot: Restitution | None = Field(None, description="normal damping")
+    failure: CompressiveFailure | None = Field(
+        None, description="failure in compression, then sliding of floe over floe"
+    )
 
     def build(self) -> Contact:
         laws = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
         friction = None
         if self.friction is not None:
             friction = law_of(self.friction, laws[self.friction.law])
-        return Contact(self.elastic, friction, self.bonds, self.dashpot)
+        return Contact(self.elastic, friction, self.bonds, self.dashpot, self.failure)
 
 
 _CONTACTS = {"frictional": frictional, "cohesive": cohesive}

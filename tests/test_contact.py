@@ -21,7 +21,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import look
+from floebmi.pack import PairList, look
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
@@ -32,12 +32,22 @@ LAWS = {
 }
 
 
+def pair(law, gap, slip_rate=0.0, radius=10.0, slip=0.0, dt=0.0):
+    """The force of two floes 1 m thick, of radii 10 m and `radius`, that do not remember a bond."""
+    mu = law.friction.coefficient
+    return pair_force(
+        law, gap, 0.0, slip_rate, 0.0, 10.0, radius, 1.0, 1.0, 1.0, mu, 0.0,
+        slip, 0.0, 0.0, 0.0, 0.0, 0.0, dt,
+    )  # fmt: skip
+
+
 def force_and_energy(law, gap, slip, bonded):
     """One pair with r_i = 10, r_j = 15, h = 1 and 2 m: force on i along −n, and elastic energy."""
     place = np.zeros(2, [(name, float) for name in "xyrh"]).view(np.recarray)
     place.x, place.r, place.h = [0.0, 25.0 + gap], [10.0, 15.0], [1.0, 2.0]
     one = np.array([0], np.uint32)
-    row = look(law, None, None, place, one, one + 1, np.array([slip]), np.array([bonded]))[0]
+    pairs = PairList(np.array([0, 1, 1]), one, one + 1, np.array([slip]), np.array([bonded]))
+    row = look(law, None, None, place, None, None, pairs)[0]
     return -row[5], row[9]
 
 
@@ -57,7 +67,7 @@ def test_the_normal_force_is_minus_the_slope_of_the_energy(name, gap):
 
 def test_the_tangential_force_is_minus_the_slope_of_the_energy_while_it_sticks():
     law, slip, step = prepare(frictional()), 0.003, 1e-5
-    f = pair_force(law, -0.1, 0.0, 0.0, 10.0, 10.0, 1.0, 1.0, 1.0, slip, 0.0, 0.0, 0.0)
+    f = pair(law, -0.1, slip=slip)
     up, down = (force_and_energy(law, -0.1, slip + d, 0.0)[1] for d in (step, -step))
     assert f.f_t == pytest.approx(-(up - down) / (2 * step), rel=1e-6)
 
@@ -68,9 +78,9 @@ def test_the_stiffness_ratio_is_that_of_the_reference_code():
 
 def test_friction_is_limited_by_coulomb_and_forming_it_again_gives_the_same_bits():
     law = prepare(frictional(friction=0.3))
-    f = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, 0.01, 0.0, 0.0, 0.1)
+    f = pair(law, -0.1, 5.0, 12.0, slip=0.01, dt=0.1)
     assert abs(f.f_t) == pytest.approx(0.3 * f.f_n, rel=1e-14)
-    again = pair_force(law, -0.1, 0.0, 5.0, 10.0, 12.0, 1.0, 1.0, 1.0, f.slip, 0.0, 0.0, 0.0)
+    again = pair(law, -0.1, 5.0, 12.0, slip=f.slip)
     assert (again.f_t, again.slip) == (f.f_t, f.slip)
     assert f.friction_loss > 0
 

@@ -76,12 +76,13 @@ def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
 
 
 def contact_code(law):
-    arguments = (law, -0.1, 0.0, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.1)
+    arguments = (law, -0.1, 0.0, 0.1, 0.0, *[1.0] * 7, *[0.0] * 6, 0.1)
     return machine_code(dynamics.pair_force.py_func, *arguments)
 
 
 def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed():
-    from floebmi.contact import Restitution
+    from floebmi.bonds import Beam, Healing, TensileStrength
+    from floebmi.contact import CompressiveFailure, Restitution
 
     lengths = {
         name: contact_code(prepare(law)).count("fmul")
@@ -90,9 +91,13 @@ def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed()
             "bonds": cohesive(),
             "friction": frictional(),
             "dashpot": Contact(dashpot=Restitution(0.5)),
+            "healing": Contact(bonds=TensileStrength(healing=Healing(1e3))),
+            "beam": Contact(bonds=TensileStrength(beam=Beam(1e5))),
+            "failure": Contact(failure=CompressiveFailure()),
         }.items()
     }
-    assert lengths["elastic"] < min(lengths[n] for n in ("bonds", "friction", "dashpot"))
+    assert lengths["elastic"] < min(n for name, n in lengths.items() if name != "elastic")
+    assert lengths["bonds"] < min(lengths[name] for name in ("healing", "beam"))
     assert "sqrt" in contact_code(prepare(Contact(dashpot=Restitution(0.5))))
     assert "sqrt" not in contact_code(prepare(frictional()))
 
@@ -102,6 +107,7 @@ def test_the_tree_names_what_is_there_and_what_is_absent():
     assert "TensileStrength" in text and "OceanDrag" in text
     absent = text.splitlines()[-1]
     assert "friction" in absent and "wind" in absent and "bonds" not in absent
+    assert "compressive failure" in absent
 
 
 def test_floes_that_lie_over_each_other_are_refused_with_the_worst_pairs():
