@@ -18,6 +18,7 @@ from floebmi.errors import StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import BLOCK, BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
 from floebmi.pack import (
+    Chunks,
     PairList,
     Stiffest,
     deepest,
@@ -31,6 +32,7 @@ from floebmi.pack import (
     strayed,
     unpack,
 )
+from floebmi.threads import verlet as verlet_in_chunks
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Of the smallest radius; wider where sizes differ much, since few of the pairs then move.
@@ -104,7 +106,9 @@ class Advance:
         step: Step,
         density: float,
         draft_fraction: float,
+        threads: int,
     ) -> None:
+        self.threads = threads
         self.floes, self.state, self.domain, self.step = floes, state, domain, step
         self.contact = None if contact is None else prepare(contact)
         self.walls = state.walls if len(state.walls) else None
@@ -125,9 +129,9 @@ class Advance:
 
     def look(self) -> None:
         """Pack the floes, list their neighbours, and find the forces they begin with."""
-        self._list(self.state.memory, np.arange(len(self.floes)))
+        self._list(self.state.memory, None, np.arange(len(self.floes)))
 
-    def _list(self, old: PairList, old_place: np.ndarray) -> None:
+    def _list(self, old: PairList, old_chunks: Chunks | None, old_place: np.ndarray) -> None:
         self.packed = pack(
             self.floes, self.density, self.state.previous, self.domain.origin, self.state.remainder
         )
@@ -135,7 +139,9 @@ class Advance:
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.skin = SKIN * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        self.pairs = list_pairs(self.packed, self.contact, self.period, self.skin, old, old_place)
+        self.pairs, self.chunks = list_pairs(
+            self.packed, self.contact, self.period, self.skin, old, old_chunks, old_place
+        )
         self._list_walls()
         self._touch(0.0)
         self._stiffest: Stiffest | None = None
@@ -178,9 +184,9 @@ class Advance:
         p = self.packed
         touch(
             self.contact, self.wall_law, *self.period, p.floes, p.spinning, p.friction,
-            p.tensile_strength, self.pairs, self.walls, self.wall_floe, self.wall_number,
-            self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
-            self.constraint, self.buffer,
+            p.tensile_strength, self.pairs, 0, len(self.pairs.i), self.walls, self.wall_floe,
+            self.wall_number, self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y,
+            p.inverse_spin, self.constraint, self.buffer,
         )  # fmt: skip
 
     def _unpack(self) -> None:
@@ -198,7 +204,7 @@ class Advance:
     def _renew(self) -> None:
         """A fresh list: floes that left are dropped, those beyond a seam wrapped, new ones added."""
         self._unpack()
-        old, old_place = self.pairs, np.full(len(self.floes), -1)
+        old, old_chunks, old_place = self.pairs, self.chunks, np.full(len(self.floes), -1)
         old_place[self.packed.number] = np.arange(len(self.packed.number))
         self._wrap()
         leaving = self._leaving()
@@ -210,7 +216,7 @@ class Advance:
             old_place = np.concatenate([old_place, np.full(len(new), -1)])
             self._grow(len(new))
             draw_own(self.floes, self.contact, self.state.rng)
-        self._list(old, old_place)
+        self._list(old, old_chunks, old_place)
         self._begin()
         if len(leaving):
             stock = floe_stock(self.floes, leaving, self.density)
@@ -339,10 +345,13 @@ class Advance:
         )  # fmt: skip
         laws = self.contact, self.wall_law, self.forces, self.here, *self.period
         if self.step.scheme == "verlet":
-            return verlet(
-                *laws, self.packed, self.pairs, *lists, dt, steps, substeps,
-                self.travelled, half_skin, self.step.drag_every, self.lag,
+            rest = (
+                self.packed, self.pairs, *lists, dt, steps, substeps, self.travelled, half_skin,
+                self.step.drag_every, self.lag,
             )  # fmt: skip
+            if self.chunks is None:
+                return verlet(*laws, *rest)
+            return verlet_in_chunks(self.threads, self.chunks, *laws, *rest)
         return taylor(
             self.step.scheme == "taylor3", *laws, self.packed, self.pairs, *lists, dt, steps,
             self.travelled, half_skin,

@@ -339,15 +339,16 @@ def _(inverse_spin: None, first, n, inertia, h, constraint, buffer):
 
 @jit
 def touch(
-    law, wall_law, period_x, period_y, floes, spinning, mu, sigma, pairs, walls, wall_floe,
+    law, wall_law, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, walls, wall_floe,
     wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
-    """Add the contact forces at the present place; `dt` is the time over which contacts have slipped.
+    """Add the forces of pairs from begin to end, and of walls, at the present place.
 
+    dt : time over which contacts have slipped
     Floes whose contact opened or closed in that time are struck, unless `inverse_x` is None.
     """
     losses = touch_floes(
-        law, period_x, period_y, floes, spinning, mu, sigma, pairs, dt, force,
+        law, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, dt, force,
         inverse_x, inverse_y, inverse_spin, constraint, buffer,
     )  # fmt: skip
     wall_loss = touch_walls(
@@ -381,15 +382,15 @@ def _(spinning: None, force, first, n):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, floes, spinning, mu, sigma, pairs, dt, force,
+    law, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, dt, force,
     inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
     pair_i, pair_j = pairs.i, pairs.j
     slip, bonded, damped = pairs.slip, pairs.bonded, pairs.damped
     bent, failed, slid = pairs.bent, pairs.failed, pairs.slid
     friction_loss, dashpot_loss, bond_loss, failure_loss, broken = 0.0, 0.0, 0.0, 0.0, 0.0
-    for first in range(0, pair_i.size, BLOCK):
-        n = min(BLOCK, pair_i.size - first)
+    for first in range(begin, end, BLOCK):
+        n = min(BLOCK, end - first)
         for k in range(n):
             i, j = pair_i[first + k], pair_j[first + k]
             one, other = floes[i], floes[j]
@@ -461,7 +462,7 @@ def touch_floes(
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, dt, force,
+    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, dt, force,
     inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
     return Losses(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -663,6 +664,42 @@ def _(inverse_x: None, inverse_y, floes, k, wall, along_x, impulse, constraint):
 
 
 @jit
+def move(
+    forces, at, packed, begin, end, kicked, dt, pushed, substeps, due, constraint, buffer
+):  # fmt: skip
+    """Kick, forget, drift floes from begin, a multiple of BLOCK, to end; returns the largest speed²."""
+    p, fastest = packed, 0.0
+    for first in range(begin, end, BLOCK):
+        n = min(BLOCK, end - first)
+        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+             first, n, kicked, constraint)  # fmt: skip
+        forget(p.spinning, p.force, first, n)
+        speed2 = drift(
+            forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
+            p.inverse_y, p.inverse_spin, p.held, first, n, dt, pushed,
+            substeps[first // BLOCK] if due else 0, constraint, buffer,
+        )  # fmt: skip
+        fastest = max(fastest, speed2)
+    return fastest
+
+
+@jit
+def move_walls(walls, kicked, dt):
+    """Kick and drift the walls; returns the largest speed²."""
+    kick_walls(walls, kicked)
+    return drift_walls(walls, dt)
+
+
+@jit
+def end_steps(packed, walls, dt, constraint):
+    """The second half of the last kick."""
+    p = packed
+    kick_walls(walls, 0.5 * dt)
+    kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+         0, p.floes.size, 0.5 * dt, constraint)  # fmt: skip
+
+
+@jit
 def verlet(
     law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe, wall_number,
     wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin, drag_every, lag,
@@ -681,33 +718,23 @@ def verlet(
         lag[0] += dt
         lag[1] += 1.0
         due = lag[1] >= drag_every or done == steps - 1
-        kick_walls(walls, kicked)
-        fastest = drift_walls(walls, dt)
-        for first in range(0, p.floes.size, BLOCK):
-            n = min(BLOCK, p.floes.size - first)
-            kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-                 first, n, kicked, constraint)  # fmt: skip
-            forget(p.spinning, p.force, first, n)
-            speed2 = drift(
-                forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
-                p.inverse_y, p.inverse_spin, p.held, first, n, dt, lag[0],
-                substeps[first // BLOCK] if due else 0, constraint, force_buffer,
-            )  # fmt: skip
-            fastest = max(fastest, speed2)
+        fastest = max(
+            move_walls(walls, kicked, dt),
+            move(forces, at, p, 0, p.floes.size, kicked, dt, lag[0], substeps, due, constraint,
+                 force_buffer),
+        )  # fmt: skip
         if due:
             lag[:] = 0.0
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
-            p.tensile_strength, pairs, walls, wall_floe, wall_number, wall_damped, dt, p.force,
-            p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
+            p.tensile_strength, pairs, 0, pairs.i.size, walls, wall_floe, wall_number, wall_damped, dt,
+            p.force, p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
         travelled += dt * np.sqrt(fastest)
         done, kicked = done + 1, dt
     if done > 0:
-        kick_walls(walls, 0.5 * dt)
-        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             0, p.floes.size, 0.5 * dt, constraint)  # fmt: skip
+        end_steps(p, walls, dt, constraint)
     return done, travelled
 
 
@@ -729,8 +756,8 @@ def taylor(
         forget(p.spinning, p.force, 0, p.floes.size)
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
-            p.tensile_strength, pairs, walls, wall_floe, wall_number, wall_damped, dt, p.force,
-            None, None, None, constraint, pair_buffer,
+            p.tensile_strength, pairs, 0, pairs.i.size, walls, wall_floe, wall_number, wall_damped, dt,
+            p.force, None, None, None, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
         fastest = 0.0

@@ -23,6 +23,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step, least_of, recall, wrap
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
+from floebmi.forces import BLOCK
 from floebmi.kernels import dispatched, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 
@@ -30,6 +31,9 @@ from floebmi.neighbours import carry, find_pairs, sort_in_space
 def _record(*names: str) -> np.dtype:
     return np.dtype([(name, np.float64) for name in names])
 
+
+# A large pack is cut into chunks for threads: at least so many floes each, and no more chunks than this.
+CHUNK, CHUNKS = 25_000, 8
 
 # a floe is one line of the cache; w is 1/m, or 0 for a floe that nothing moves
 SPINNING = _record("x", "y", "r", "h", "u", "v", "w", "omega")
@@ -74,6 +78,10 @@ class PairList(NamedTuple):
     failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes part
     slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
     damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
+    seam: np.ndarray | None = None  # rows, like `start`, of pairs across seams between chunks
+    parts: np.ndarray | None = (
+        None  # where the pairs of each chunk, and last of the seams, begin and end
+    )
 
     def memory(self) -> dict[str, np.ndarray]:
         """What lasts beyond the list, by name."""
@@ -178,35 +186,87 @@ def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
     return packed.floes.r * (1.0 + gap) + 0.5 * skin
 
 
+class Chunks(NamedTuple):
+    """A large pack cut into chunks of neighbours, for threads; the pairs across their seams come last."""
+
+    bounds: np.ndarray  # floes of chunk c: bounds[c] to bounds[c + 1]
+    parts: (
+        np.ndarray
+    )  # pairs of chunk c: parts[c] to parts[c + 1]; the last part is that of the seams
+    seam: np.ndarray  # rows, like `PairList.start`, of the pairs across seams
+
+
+def chunk_bounds(n: int) -> np.ndarray:
+    """Where chunks of n packed floes begin and end: multiples of BLOCK, and n."""
+    count = 1
+    while 2 * count <= min(CHUNKS, n // CHUNK):  # alike in size, for two threads, four or eight
+        count *= 2
+    bounds = np.arange(count + 1) * (n // count) // BLOCK * BLOCK
+    bounds[-1] = n
+    return bounds
+
+
+@jit
+def _split(bounds, start, j, inner, seam, parts, new_i, new_j):
+    """Pairs within chunks first, chunk by chunk, then those across seams; each with rows of its own."""
+    m, chunks = 0, bounds.size - 1
+    for c in range(chunks):
+        parts[c] = m
+        for i in range(bounds[c], bounds[c + 1]):
+            inner[i] = m
+            for q in range(start[i], start[i + 1]):
+                if bounds[c] <= j[q] < bounds[c + 1]:
+                    new_i[m], new_j[m] = i, j[q]
+                    m += 1
+    inner[bounds[chunks]] = parts[chunks] = m
+    for c in range(chunks):
+        for i in range(bounds[c], bounds[c + 1]):
+            seam[i] = m
+            for q in range(start[i], start[i + 1]):
+                if not bounds[c] <= j[q] < bounds[c + 1]:
+                    new_i[m], new_j[m] = i, j[q]
+                    m += 1
+    seam[bounds[chunks]] = parts[chunks + 1] = m
+
+
 def list_pairs(
     packed: Packed,
     contact: Contact | None,
     period: tuple[float | None, float | None],
     skin: float,
     old: PairList,
+    old_chunks: Chunks | None,
     old_place: np.ndarray,
-) -> PairList:
-    """A fresh list of candidate pairs that remembers what the old one did.
+) -> tuple[PairList, Chunks | None]:
+    """A fresh list of candidate pairs that remembers what the old one did, and the chunks of a large pack.
 
     old_place : row of each floe number in the old list, −1 where it has none
     """
     if contact is None or len(packed.number) < 2:
         empty = np.zeros(0, np.uint32)
         start = np.zeros(len(packed.number) + 1, np.int64)
-        return PairList(start, empty, empty, **_nothing(contact, 0))
+        return PairList(start, empty, empty, **_nothing(contact, 0)), None
     found = find_pairs(packed.floes.x, packed.floes.y, reach(packed, contact, skin), period)
     start, i, j = found.start, found.i.view(np.uint32), found.j.view(np.uint32)
     if packed.land.any():  # pieces of coast lie over each other as they like
         keep = ~(packed.land[i] & packed.land[j])
         start, i, j = np.concatenate([[0], np.cumsum(keep)])[start], i[keep], j[keep]
+    bounds, chunks = chunk_bounds(len(packed.number)), None
+    if len(bounds) > 2:
+        inner, seam = np.empty_like(start), np.empty_like(start)
+        chunks = Chunks(bounds, np.empty(len(bounds) + 1, np.int64), seam)
+        new_i, new_j = np.empty_like(i), np.empty_like(j)
+        _split(bounds, start, j, inner, seam, chunks.parts, new_i, new_j)
+        start, i, j = inner, new_i, new_j
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
-        if len(memory):
-            sign = _sign_of_reverse(name)
-            carry(
-                i, j, packed.number, old.start, old.j, old_place, memory, getattr(new, name), sign
-            )
-    return new
+        for rows in (old.start, None if old_chunks is None else old_chunks.seam):
+            if len(memory) and rows is not None:
+                carry(
+                    i, j, packed.number, rows, old.j, old_place, memory, getattr(new, name),
+                    _sign_of_reverse(name),
+                )  # fmt: skip
+    return new, chunks
 
 
 def _sign_of_reverse(name: str) -> float:

@@ -621,6 +621,10 @@ class Scene(Table):
     preset: Literal["damsgaard2018"] | None = Field(
         None, description="time step, scheme and lever arms as the paper ran them"
     )
+    threads: Count = Field(
+        1,
+        description="for a large pack, from 50 000 floes on; the bits are the same for any number",
+    )
     sampling: Literal["overlap", "centre"] = Field(
         "overlap",
         description="floe-grid weights: exact areas, or the paper's bilinear at the centre",
@@ -751,6 +755,7 @@ class Scene(Table):
                 rotation=self.ice.rotation,
                 seed=self.seed,
                 atmosphere_grid=wind_grid,
+                threads=self.threads,
             )
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope

@@ -1,0 +1,96 @@
+"""Chunks and threads: the same bits for any number of threads, and nothing lost at the seams."""
+
+import numpy as np
+import pytest
+
+from floebmi import pack
+from floebmi.boundaries import Domain, Wall
+from floebmi.contact import cohesive, frictional
+from floebmi.errors import InputError
+from floebmi.floes import FIXED_Y, Floes
+from floebmi.forces import BLOCK, AirDrag, OceanDrag
+from floebmi.model import Model
+from floebmi.packing import scatter
+from floebmi.sizes import PowerLaw
+
+SIZES = PowerLaw(10.0, 40.0)
+
+
+@pytest.fixture
+def small_chunks(monkeypatch):
+    monkeypatch.setattr(pack, "CHUNK", 80)
+
+
+def pack_of_floes(law, threads=1, walls=False):
+    edges = ("closed" if walls else "periodic",) * 2 + ("periodic",) * 2
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0), *edges)
+    floes = scatter(domain, SIZES, concentration=0.7, seed=3)
+    rng = np.random.default_rng(2)
+    floes.u[:], floes.v[:] = rng.normal(0.0, 0.3, (2, len(floes)))
+    floes.motion[::20] = FIXED_Y
+    drag = [OceanDrag(), AirDrag()]
+    model = Model(domain, floes, law, drag, threads=threads, walls=[Wall("west", velocity=0.1)] if walls else [])  # fmt: skip
+    model.atmosphere.u[:] = 15.0
+    return model
+
+
+@pytest.mark.parametrize(
+    "law, walls, residual", [(frictional(), True, 1e-3), (cohesive(), False, 1e-2)]
+)
+def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
+    small_chunks, law, walls, residual
+):
+    models = [pack_of_floes(law, threads, walls) for threads in (1, 3)]
+    for model in models:
+        for _ in range(3):
+            model.advance(2.0)
+        assert len(model._now().chunks.parts) > 4
+    for other in models[1:]:
+        for name in ("x", "y", "u", "v"):
+            assert np.array_equal(getattr(models[0].floes, name), getattr(other.floes, name))
+        assert np.array_equal(models[0].ledger.now, other.ledger.now)
+        assert all(np.array_equal(row, other.ledger.accounts[n]) for n, row in models[0].ledger.accounts.items())  # fmt: skip
+    assert models[0].counters.rebuilds > 3
+    for quantity in ("momentum_x", "momentum_y"):
+        assert models[0].ledger.balance(quantity).relative < 1e-12
+    assert models[0].ledger.balance("energy").relative < residual
+
+
+def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
+    whole = pack_of_floes(frictional())
+    whole.advance(0.3)
+    monkeypatch.setattr(pack, "CHUNK", 80)
+    cut = pack_of_floes(frictional())
+    cut.advance(0.3)
+    assert len(cut._now().chunks.parts) > 4
+    # blows of contacts that open are struck one after the other, so their order shows a little
+    assert cut.floes.x == pytest.approx(whole.floes.x, abs=1e-6)
+    assert cut.ledger.now == pytest.approx(whole.ledger.now, rel=1e-9)
+
+
+def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_chunks):
+    model = pack_of_floes(frictional())
+    model.advance(0.5)
+    slip = model.state()["pair_slip"]
+    now = model._now()
+    pairs, (bounds, parts, _) = now.pairs, now.chunks
+    assert np.count_nonzero(pairs.slip) == np.count_nonzero(slip) > 100
+    across = slice(parts[-2], parts[-1])
+    chunk = [np.searchsorted(bounds, ends, side="right") for ends in (pairs.i, pairs.j)]
+    assert (chunk[0][across] != chunk[1][across]).all() and np.count_nonzero(pairs.slip[across])
+    assert (chunk[0] == chunk[1])[: parts[-2]].all()
+
+
+def test_chunks_are_whole_blocks_and_small_packs_are_one():
+    assert list(pack.chunk_bounds(40_000)) == [0, 40_000]
+    for n in (50_000, 123_457, 10**6):
+        bounds = pack.chunk_bounds(n)
+        assert bounds[0] == 0 and bounds[-1] == n and len(bounds) - 1 in (2, 4, 8)
+        assert (bounds[:-1] % BLOCK == 0).all() and (np.diff(bounds) > 0.9 * pack.CHUNK).all()
+        assert np.ptp(np.diff(bounds)) <= 8 * BLOCK
+
+
+@pytest.mark.parametrize("threads", [0, 1.5, "two"])
+def test_a_number_of_threads_that_is_none_is_refused(threads):
+    with pytest.raises(InputError, match="threads = .*: must be a whole number, at least 1"):
+        Model(Domain((0, 9), (0, 9)), Floes(5.0, 5.0, 1.0, 1.0), threads=threads)
