@@ -11,7 +11,7 @@ from floebmi.quantities import NonNegative, PoissonRatio, Positive
 
 
 class Healing(NamedTuple):
-    """A young bond is weak: its strength grows with the age of the contact up to its full value (eq. healing).
+    """A young bond is weak: its strength grows with the age of the contact (eq. healing).
 
     Parameters
     ----------
@@ -161,5 +161,5 @@ def _(beam: None, bonded, k_b, bent, turn_rate, dt):
 
 
 def stretch(strength: float, youngs_modulus: float) -> float:
-    """Largest gap of a pair with a bond of that strength, over the sum of the radii [1]: R_ij ≤ (r_i + r_j)/2."""
+    """Largest gap of a bond of that strength, over the sum of the radii [1]: R_ij ≤ (r_i + r_j)/2."""
     return 0.5 * strength / youngs_modulus

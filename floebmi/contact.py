@@ -81,13 +81,13 @@ class Dashpot(NamedTuple):
 
 
 class CompressiveFailure(NamedTuple):
-    """Floes that press too hard fail, and then one slides over the other (eqs. compressive-failure, rafting).
+    """Floes that press too hard fail; one then slides over the other (eqs. compressive-failure, rafting).
 
     Parameters
     ----------
     toughness : K [Pa m^0.5]; a pair fails at f_n = K h_min^1.5
     coefficient : friction coefficient of floe on floe [1]
-    density_difference : of water and ice [kg/m³]; the buoyancy of the thinner floe presses the two together
+    density_difference : of water and ice [kg/m³]; buoyancy of the thinner floe presses them together
     """
 
     toughness: Positive = 1.285e6
@@ -317,7 +317,10 @@ def _(friction: Damsgaard2018Coulomb, radius, other_radius, gap):
 
 @dispatched
 def tangential(spring, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
-    """Tangential force on i before and now, the slip remembered, the energy lost (eqs. coulomb-friction, bond-shear)."""
+    """Tangential force on i before and now, the slip remembered, the energy lost.
+
+    By (eq. coulomb-friction), or by (eq. bond-shear) while a beam holds.
+    """
     k_t = k_n * stiffness_ratio(spring)
     tried = slip + slip_rate * dt
     limit = mu * max(f_n, 0.0) / k_t
@@ -363,7 +366,7 @@ def _(friction: Damsgaard2018Coulomb, gap, opening, dt):
 
 @dispatched
 def fails(failure, failed, gap, k_n, h_min):
-    """Whether the ice of an overlapping pair has failed, or does so now: f_n > K h_min^1.5 (eq. compressive-failure)."""
+    """Whether the ice of a pair has failed, or does so now: f_n > K h_min^1.5 (eq. compressive-failure)."""
     return gap < 0.0 and (failed > 0.0 or -k_n * gap > failure.toughness * h_min * np.sqrt(h_min))
 
 

@@ -115,7 +115,7 @@ def give_back(
 
 
 STATE = (
-    "area_fraction", "overlap_fraction", "thickness", "mass_per_area", "ice_velocity_x",
+    "area_fraction", "overlap_fraction", "porosity", "thickness", "mass_per_area", "ice_velocity_x",
     "ice_velocity_y", "floe_count", "mean_radius", "coordination_number",
 )  # fmt: skip
 
@@ -123,7 +123,7 @@ STATE = (
 @jit
 def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fill, out):
     """The fields of STATE, in that order; their arrays hold sums over floes first."""
-    fraction, overlap, thickness, mass, along_x, along_y, count, radius, partners = out
+    fraction, overlap, porosity, thickness, mass, along_x, along_y, count, radius, partners = out
     for c in range(cell_area.size):
         fraction[c] = thickness[c] = along_x[c] = along_y[c] = 0.0
         count[c] = radius[c] = partners[c] = 0.0
@@ -145,6 +145,7 @@ def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fi
         overlap[c] = covered - fraction[c]
         mass[c] = density * volume / cell_area[c]
         some = ice > 0.0
+        porosity[c] = 1.0 - fraction[c] if some else fill
         thickness[c] = volume / ice if some else fill
         along_x[c] = along_x[c] / volume if some else fill
         along_y[c] = along_y[c] / volume if some else fill
@@ -178,8 +179,9 @@ def cell_fields(
     Returns
     -------
     dict of (size,) arrays, by the names of `floebmi.variables`:
-    area_fraction [1] at most 1; overlap_fraction [1] what is beyond 1; thickness [m] mean over the
-    ice; mass_per_area [kg/m²] of the cell; ice_velocity_x, ice_velocity_y [m/s] mean by mass;
+    area_fraction [1] at most 1; overlap_fraction [1] what is beyond 1; porosity [1] what is left to 1
+    where there is ice; thickness [m] mean over the ice; mass_per_area [kg/m²] of the cell;
+    ice_velocity_x, ice_velocity_y [m/s] mean by mass;
     floe_count [1] sum of the shares of floes by area, so that the grid's sum is the number of floes
     in it; mean_radius [m] and coordination_number [1], means over those shares.
 

@@ -714,21 +714,24 @@ def _mean_stresses(
 
 
 def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
-    """Contacts, bonds and the sum of |force| of each floe."""
-    n = len(model.floes)
+    """Contacts, bonds, the sum of |force| and the pressure of each floe (eq. floe-pressure)."""
+    f, n = model.floes, len(model.floes)
     pairs = model.contacts()
     ends = np.concatenate([pairs.i, pairs.j])
 
     def per_floe(values: np.ndarray) -> np.ndarray:
-        sums = np.bincount(ends, np.tile(values, 2), minlength=n)
+        sums = np.bincount(ends, values, minlength=n)
         return sums.astype(np.float64)  # without any contact they come as integers
 
+    push = -(pairs.fx * pairs.dx + pairs.fy * pairs.dy) / np.hypot(pairs.dx, pairs.dy)
+    arms = f.radius[ends] - 0.5 * np.tile(pairs.overlap, 2)
     sums = {
         "contact_count": np.bincount(ends, minlength=n).astype(np.int32),
-        "contact_force": per_floe(np.hypot(pairs.fx, pairs.fy)),
+        "contact_force": per_floe(np.tile(np.hypot(pairs.fx, pairs.fy), 2)),
+        "pressure": per_floe(np.tile(push, 2) * arms) / (2 * f.volume),
     }
     if model.contact is not None and model.contact.bonds is not None:
-        sums["bond_count"] = per_floe(pairs.bonded).astype(np.int32)
+        sums["bond_count"] = per_floe(np.tile(pairs.bonded, 2)).astype(np.int32)
     return sums
 
 

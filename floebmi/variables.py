@@ -165,6 +165,15 @@ _STATE = (
         "area fraction + overlap fraction = exact area of all discs in the cell over its area",
     ),
     Variable(
+        "porosity",
+        "sea_ice__porosity",
+        None,
+        "1",
+        "porosity of the pack: open water over cell area",
+        "porosity + area fraction = 1 where there is ice",
+        needs_ice=True,
+    ),
+    Variable(
         "thickness",
         "sea_ice__thickness",
         "sea_ice_thickness",
@@ -422,7 +431,7 @@ _FLOES = (
         "sea_ice_floe_contact__count",
         None,
         "1",
-        "number of contacts",
+        "number of contacts: the floe's coordination number",
         dtype="int32",
     ),
     Variable(
@@ -441,6 +450,14 @@ _FLOES = (
         "N",
         "contact force, sum of magnitudes",
         "never negative",
+    ),
+    Variable(
+        "pressure",
+        "sea_ice_floe__pressure",
+        None,
+        "Pa",
+        "pressure in the floe, from its contact forces",
+        "compression positive",
     ),
 )
 

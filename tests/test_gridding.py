@@ -135,6 +135,7 @@ def test_a_cell_wholly_under_one_floe_has_area_fraction_one_and_no_overlap():
     got = cell_fields(grid, cover, 1.0, 0.0, 0.0, 4 * SIDE, DENSITY)
     assert (got["area_fraction"] == 1).all()
     assert (got["overlap_fraction"] == 0).all()
+    assert got["porosity"] == pytest.approx(1.0 - got["area_fraction"], abs=1e-15)
 
 
 def test_names_of_the_fields_are_in_the_table_of_variables():

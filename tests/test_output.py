@@ -258,6 +258,10 @@ def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
     force = floes.contact_force.values[0]
     stiffness = 2e7 * floes.thickness.values[5]
     assert force[5] == force[6] == pytest.approx(stiffness * 1.0, rel=1e-9)  # they overlap by 1 m
+    radius = floes.radius.values[5:7]
+    arm_and_volume = (radius - 0.5) / (np.pi * radius**2 * floes.thickness.values[5:7])
+    assert floes.pressure.values[0, 5:7] == pytest.approx(0.5 * force[5] * arm_and_volume)
+    assert (np.delete(floes.pressure.values[0, :16], [5, 6]) == 0).all()
 
 
 def test_types_are_those_of_the_table_also_where_nothing_touches_at_first(tmp_path):
