@@ -36,8 +36,10 @@ SPACING = 10e3  # [m]
 CORIOLIS = 1.43e-4  # at 79° N [1/s]
 WIND = {False: (1.0, -7.0), True: (7.0, 0.0)}  # in the box, in the channel [m/s]
 DRAG = 1.3 * 1.3e-3  # ρ C_d of open water under the wind [kg m-3]
-LAYERS = np.array([500, 400, 300, 220, 150, 100, 60, 35, 20, 15], float)  # from the bottom [m]
-SURFACE = LAYERS[-1]
+# From the bottom.  Veros wants thicknesses and puts T points so that W points are midway between them: thicknesses
+# that do not vary smoothly give it distances below 0, and mixing that un-mixes.  So the distances come first.
+DISTANCES = np.array([400, 400, 300, 220, 160, 110, 75, 50, 32, 20, 15], float)  # [m]
+LAYERS = 0.5 * (DISTANCES[1:] + DISTANCES[:-1])  # [m]
 
 MakeIce = Callable[[fb.Grid, float], fb.Model]
 
@@ -86,7 +88,7 @@ class Ocean(VerosSetup):
         settings.kappaM_min, settings.kappaH_min = 2e-4, 2e-5
         settings.enable_kappaH_profile = False
         settings.eq_of_state_type = 3
-        settings.enable_hor_diffusion, settings.K_h = True, 500.0
+        settings.enable_superbee_advection = True
 
     @veros_routine
     def set_grid(self, state):
@@ -248,7 +250,7 @@ class Found(NamedTuple):
     momentum : in the channel, what Veros' own momentum along x is off, over what was put in; wall clock in seconds."""
 
     worst: float
-    momentum: float
+    momentum: float | None
     same: float
     ledger: list[Exchange]
     seconds: Seconds
@@ -285,10 +287,15 @@ def main(
         f"{moving} floes, {days:g} days in {took:.1f} s: ocean {ocean:.1f}, floes {ice.seconds.ice:.1f},"
         f" coupling {ice.seconds.coupling:.2f} s ({ice.seconds.coupling / took:.1%})"
     )
-    _draw(folder / f"veros-{'channel' if channel else 'fram-strait'}.png", both, one, days)
-    momentum = float(abs(both.momentum()[0] - both.momentum_in[0]) / np.abs(both.momentum_in).sum())
+    worst = max(line.relative for line in ice.ledger)
+    picture = folder / f"veros-{'channel' if channel else 'fram-strait'}.png"
+    _draw(picture, both, one, days, worst)
+    momentum = None
+    if channel:
+        put_in = both.momentum_in
+        momentum = float(abs(both.momentum()[0] - put_in[0]) / np.abs(put_in).sum())
     return Found(
-        max(line.relative for line in ice.ledger),
+        worst,
         momentum,
         same,
         ice.ledger,
@@ -298,60 +305,65 @@ def main(
     )
 
 
-def _draw(path: Path, both: Ocean, one: Ocean, days: float) -> None:
+def _draw(path: Path, both: Ocean, one: Ocean, days: float, worst: float) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import ListedColormap
 
-    figure, panels = plt.subplots(1, 3, figsize=(15, 4.6), sharey=True, layout="constrained")
-    speeds = []
-    for run in (both, one):
-        speeds.append(run.ice.at_cells(*np.mean(run.currents, axis=0)))
+    figure, panels = plt.subplots(
+        1, 3, figsize=(15, 5), sharex=True, sharey=True, layout="constrained"
+    )
     grid = both.ice.model.grid
     shape, wet = grid.shape, grid.wet.reshape(grid.shape)
     x, y = grid.x_edges / 1e3, grid.y_edges / 1e3
+    speeds = [run.ice.at_cells(*np.mean(run.currents, axis=0)) for run in (both, one)]
     fastest = max(np.hypot(*pair).max() for pair in speeds)
+    difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
+    most = np.abs(difference[grid.wet]).max()
+    light = ListedColormap(plt.get_cmap("Blues")(np.linspace(0, 0.65, 256)))  # arrows stay legible
+    every = max(1, shape[0] // 16)
     for panel, run, (u, v), title in zip(
-        panels,
-        (both, one),
-        speeds,
-        ("both ways", "one way: the ocean does not feel the ice"),
-        strict=False,
-    ):
+        panels, (both, one), speeds, ("both ways", "one way: the ocean does not feel the ice"), strict=False
+    ):  # fmt: skip
         speed = np.where(wet, np.hypot(u, v).reshape(shape), np.nan)
-        panel.set_facecolor("#8c6d46")
-        sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap="viridis", rasterized=True)
-        step = max(1, shape[0] // 16)
-        panel.quiver(
-            grid.x.reshape(shape)[::step, ::step] / 1e3, grid.y.reshape(shape)[::step, ::step] / 1e3,
-            u.reshape(shape)[::step, ::step], v.reshape(shape)[::step, ::step], color="white", scale=16 * fastest,
-        )  # fmt: skip
+        sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap=light, rasterized=True)
         floes = run.ice.model.floes
         ice = floes.active & ~floes.land
         diameter = 2 * floes.radius[ice] / 1e3
         panel.add_collection(
             EllipseCollection(
                 diameter, diameter, 0 * diameter, units="xy", transOffset=panel.transData,
-                offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="white", lw=0.4, alpha=0.7,
+                offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="0.35", lw=0.4,
             )
         )  # fmt: skip
-        panel.set(title=title, xlabel="x [km]", aspect="equal")
-    difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
-    difference = np.where(wet, difference.reshape(shape), np.nan)
-    most = np.nanmax(np.abs(difference))
-    panels[2].set_facecolor("#8c6d46")
+        some = np.zeros(shape, bool)
+        some[every // 2 :: every, every // 2 :: every] = True
+        some = some.ravel() & grid.wet
+        arrows = panel.quiver(
+            *(values[some] for values in (grid.x / 1e3, grid.y / 1e3, u, v)),
+            scale=16 * fastest, width=3e-3, zorder=3,
+        )  # fmt: skip
+        panel.set_title(title)
+    length = float(f"{fastest:.1g}")
+    panels[0].quiverkey(arrows, 0.8, -0.1, length, f"{length:g} m/s", labelpos="E")
     change = panels[2].pcolormesh(
-        x, y, difference, cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True
-    )
-    panels[2].set(title="both ways − one way", xlabel="x [km]", aspect="equal")
+        x, y, np.where(wet, difference.reshape(shape), np.nan), cmap="RdBu_r", vmin=-most, vmax=most,
+        rasterized=True,
+    )  # fmt: skip
+    panels[2].set_title("speed of the current: both ways − one way")
+    for panel in panels:
+        panel.set(xlabel="x [km]", aspect="equal", facecolor="#8c6d46")
     panels[0].set_ylabel("y [km]")
     figure.colorbar(
-        sea, ax=panels[1], label="mean surface current of the last day [m/s]", aspect=30
+        sea, ax=panels[1], label="surface current, mean of the last day [m/s]", aspect=30
     )
-    figure.colorbar(change, ax=panels[2], label="[m/s]", aspect=30)
-    figure.suptitle(f"Veros and floes after {days:g} days of wind")
+    figure.colorbar(change, ax=panels[2], label="difference [m/s]", aspect=30)
+    figure.suptitle(
+        f"Veros and floes after {days:g} d of wind; brown: land; the momentum ledger closes to {worst:.0e}"
+    )
     figure.savefig(path, dpi=130)
     plt.close(figure)
 
@@ -363,5 +375,6 @@ if __name__ == "__main__":
     words.add_argument("--folder", type=Path, default=Path("veros-fram-strait"))
     words.add_argument("--days", type=float, default=7.0)
     words.add_argument("--channel", action="store_true")
+    words.add_argument("--radius", type=float, nargs=2, default=(1.8e3, 4e3), help="of floes [m]")
     given = vars(words.parse_args())
     print(*(f"{k} = {v}" for k, v in main(**given)._asdict().items() if k != "ledger"), sep="\n")

@@ -3,6 +3,7 @@
 import glob
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from test_examples import ROOT, example
 
 from floebmi.errors import InputError
+from floebmi.output import load_restart
 
 
 @pytest.fixture
@@ -242,10 +244,10 @@ with_yac = pytest.mark.skipif(
 )
 
 
-def in_its_own_process(*command):
+def in_its_own_process(*command, fails=False):
     """YAC ends the process on an error, and MPI starts once: never in the process of the tests."""
     environment = os.environ | {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": str(ROOT),
+        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "examples")]),
     }  # fmt: skip
     done = subprocess.run(
         [str(word) for word in command],
@@ -254,34 +256,85 @@ def in_its_own_process(*command):
         text=True,
         timeout=300,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    assert (done.returncode != 0) == fails, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+YAC = ROOT / "examples" / "yac_coupler.py"
+TWO = (Path(sys.prefix) / "bin" / "mpirun", "--oversubscribe", "-n", "2", sys.executable)
 
 
 @with_yac
-def test_through_yac_the_ocean_gets_the_force_that_the_floes_felt(tmp_path):
-    script = ROOT / "examples" / "yac_coupler.py"
-    in_its_own_process(sys.executable, script, "--folder", tmp_path)
+def test_through_yac_the_ocean_gets_the_force_that_the_floes_felt(tmp_path, capsys):
+    in_its_own_process(sys.executable, YAC, "--folder", tmp_path)
     found = example("yac_coupler").compare(tmp_path)
-    assert found["difference"] <= 1e-9
-    assert found["force"] > 1e7
+    assert found.worst <= 1e-9
+    assert found.force > 1e7
+    assert np.abs([line.host for line in found.ledger]).min() > 0
+    assert "residual" in capsys.readouterr().out
+    assert (tmp_path / "yac-coupler.png").stat().st_size > 30_000
+
+
+@with_yac
+def test_through_yac_an_ice_model_without_floes_leaves_the_ocean_as_it_is_alone(tmp_path):
+    in_its_own_process(sys.executable, YAC, "--folder", tmp_path, "--no-ice")
+    water = load_restart(tmp_path / "ocean-8.nc")[0]["water"]
+    cells = np.tile(np.arange(-3.75, 4.0, 0.5), 12)  # the slab alone keeps what it starts with
+    np.testing.assert_array_equal(water, [0.3 * np.cos(np.radians(30.0 * cells)), 0 * cells])
+
+
+DIES = """
+import os, signal, sys
+from pathlib import Path
+import yac_coupler as yac
+
+get, calls = yac.Side.get, []
+
+def dies(self, fields):
+    values = get(self, fields)
+    calls.append(fields)
+    if self.name == sys.argv[1] and len(calls) == 5:
+        if sys.argv[2] == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        values[0, 7] = float("nan")
+    return values
+
+yac.Side.get = dies
+yac.main(Path(sys.argv[3]))
+"""
 
 
 @with_yac
 @pytest.mark.long
-def test_through_yac_in_two_processes_as_well(tmp_path):
-    script, mpirun = ROOT / "examples" / "yac_coupler.py", Path(sys.prefix) / "bin" / "mpirun"
-    command = (mpirun, "--oversubscribe", "-n", "2", sys.executable, script, "--folder", tmp_path)
-    in_its_own_process(*command)
-    assert example("yac_coupler").compare(tmp_path)["difference"] <= 1e-9
+def test_a_partner_that_dies_in_yac_is_told_in_a_line_and_a_restart_ends_the_same(tmp_path):
+    (tmp_path / "dies.py").write_text(DIES)
+    in_its_own_process(*TWO, YAC, "--folder", tmp_path / "whole")
+    assert example("yac_coupler").compare(tmp_path / "whole").worst <= 1e-9
+    for who, how, teller, text in (
+        ("ocean", "killed", "ice", "exchange 6: ended from outside, the other component is gone"),
+        ("ice", "killed", "ocean", "exchange 5: ended from outside, the other component is gone"),
+        ("ice", "nan", "ice", "exchange 5: .*velocity: nan at index 7, a wet cell: must be finite"),
+    ):
+        folder = tmp_path / f"{who}-{how}"
+        said = in_its_own_process(*TWO, tmp_path / "dies.py", who, how, folder, fails=True)
+        line = f"^{teller}: {text}; the state after exchange . is saved in {folder}: go on with"
+        assert len(re.findall(line, said, re.MULTILINE)) == 1, said
+        in_its_own_process(*TWO, YAC, "--folder", folder, "--restart")
+        for name in ("ice.json", "ocean.json"):
+            assert (folder / name).read_text() == (tmp_path / "whole" / name).read_text()
 
 
 # ---- another process, through gRPC --------------------------------------------------------------------
 
 
-def test_a_host_in_another_process_gets_the_numbers_of_a_host_in_the_same(tmp_path):
+def test_a_host_in_another_process_gets_the_numbers_of_a_host_in_the_same_and_outlives_it(tmp_path):
     pytest.importorskip("grpc4bmi", reason="the extra `grpc` is not installed")
     found = example("two_processes").main(tmp_path, hours=0.5)
     assert found.same
+    assert found.alone  # without ice, the ocean alone
     assert found.worst <= 1e-12
     assert "must be finite" in found.refusal and "\n" not in found.refusal
+    assert found.fault.startswith("exchange ") and found.fault.endswith("floes do not answer")
+    assert "\n" not in found.fault
+    assert found.resumed  # from the checkpoint of the process that was killed
+    assert (tmp_path / "two-processes.png").stat().st_size > 20_000
