@@ -5,10 +5,11 @@ from the north under a northerly wind.  The channel is periodic, its bottom is f
 rotate: nothing but the surface stress changes the ocean's momentum along it, and Veros' own velocities can be held
 against it.
 
-    python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel]
+    python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel] [--restart 96]
 
 makes the run twice, with the ocean feeling the ice and without, and a third one of the ocean alone, each with Veros'
-progress bar; prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.
+progress bar; prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.  Veros and the ice
+save their states once a day; a two-way run that was cut off goes on from the step with number --restart.
 """
 
 import argparse
@@ -56,13 +57,16 @@ class Ocean(VerosSetup):
 
     def __init__(
         self, size: int, step: float, channel: bool = False, make_ice: MakeIce | None = None,
-        two_way: bool = True, every: float = 3600.0, rescue: Path | None = None,
+        two_way: bool = True, every: float = 3600.0, folder: Path | None = None, save_every: float = 86400.0,
+        restart: int | None = None,
     ) -> None:  # fmt: skip
         self.size, self.time_step, self.channel = size, step, channel
-        self.make_ice, self.two_way, self.every, self.rescue = make_ice, two_way, every, rescue
+        self.make_ice, self.two_way, self.every = make_ice, two_way, every
+        self.folder, self.save_every, self.restart = folder, save_every, restart  # of saved states
         self.ice: SeaIce | None = None
         self.momentum_in = np.zeros(2)  # surface stress as Veros' time scheme weighs it [N s]
         self._last = np.zeros(2)
+        self.until = 0.0
         self.currents: list[tuple[np.ndarray, np.ndarray]] = []  # of the last day, at the surface
         super().__init__()
 
@@ -74,6 +78,11 @@ class Ocean(VerosSetup):
         settings.dt_mom = settings.dt_tracer = self.time_step
         settings.runlen = self.time_step
         settings.restart_output_filename = ""
+        if self.folder is not None:
+            settings.restart_output_filename = str(self.folder / "veros-{itt}.h5")
+            settings.restart_frequency = self.save_every
+        if self.restart is not None:
+            settings.restart_input_filename = str(self.folder / f"veros-{self.restart}.h5")
         settings.coord_degree = False
         settings.enable_cyclic_x = self.channel
         settings.enable_streamfunction = False
@@ -135,7 +144,12 @@ class Ocean(VerosSetup):
         ]
         if self.make_ice is not None:
             model = self.make_ice(surface_cells(state), self.spacing)
-            self.ice = SeaIce(state, model, self.every, self.two_way, self.rescue)
+            files = [None, None]
+            if self.folder is not None:
+                files = [self.folder / "ice-rescue.nc", self.folder / "ice-{itt}.nc"]
+            self.ice = SeaIce(state, model, self.every, self.two_way, *files)
+            if self.restart is not None:
+                self.ice.load_state(self.folder / f"ice-{self.restart}.nc")
 
     @veros_routine
     def set_forcing(self, state):
@@ -168,7 +182,7 @@ class Ocean(VerosSetup):
         ab = 0.5 + settings.AB_eps
         self.momentum_in += float(settings.dt_mom) * ((1 + ab) * force - ab * self._last)
         self._last = force
-        if vs.time > settings.runlen - 86400.0:
+        if vs.time > self.until - 86400.0:
             self.currents.append(tuple(np.array(u[..., -1, vs.tau]) for u in (vs.u, vs.v)))
 
     @veros_routine
@@ -187,9 +201,10 @@ class Ocean(VerosSetup):
 
     def go(self, days: float, show: bool) -> "Ocean":
         """Set up and run with Veros' own progress bar."""
+        self.until = days * 86400.0
         self.setup()
         with self.state.settings.unlock():
-            self.state.settings.runlen = days * 86400.0
+            self.state.settings.runlen = self.until - float(self.state.variables.time)
         self.run(show_progress_bar=show)
         return self
 
@@ -261,12 +276,13 @@ class Found(NamedTuple):
 def main(
     folder: Path, days: float = 7.0, channel: bool = False, size: int = 40, step: float = 900.0,
     radius: tuple[float, float] = (1.8e3, 4e3), concentration: float = 0.75, show: bool = True,
+    restart: int | None = None,
 ) -> Found:  # fmt: skip
     """Two-way, one-way, ocean alone and ocean with an empty ice model; the ledger, the figure."""
     folder.mkdir(parents=True, exist_ok=True)
     maker = make_ice(radius, concentration, channel)
     began = time.perf_counter()
-    both = Ocean(size, step, channel, maker).go(days, show)
+    both = Ocean(size, step, channel, maker, folder=folder, restart=restart).go(days, show)
     took = time.perf_counter() - began
     one = Ocean(size, step, channel, maker, two_way=False).go(days, show)
     short = min(days, 0.25)
@@ -291,7 +307,7 @@ def main(
     picture = folder / f"veros-{'channel' if channel else 'fram-strait'}.png"
     _draw(picture, both, one, days, worst)
     momentum = None
-    if channel:
+    if channel and restart is None:
         put_in = both.momentum_in
         momentum = float(abs(both.momentum()[0] - put_in[0]) / np.abs(put_in).sum())
     return Found(
@@ -375,6 +391,7 @@ if __name__ == "__main__":
     words.add_argument("--folder", type=Path, default=Path("veros-fram-strait"))
     words.add_argument("--days", type=float, default=7.0)
     words.add_argument("--channel", action="store_true")
+    words.add_argument("--restart", type=int, help="number of the step to go on from")
     words.add_argument("--radius", type=float, nargs=2, default=(1.8e3, 4e3), help="of floes [m]")
     given = vars(words.parse_args())
     print(*(f"{k} = {v}" for k, v in main(**given)._asdict().items() if k != "ledger"), sep="\n")

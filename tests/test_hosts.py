@@ -150,16 +150,28 @@ def test_momentum_closes_on_the_faces_of_veros_and_in_its_own_velocities(channel
     assert channel.ledger[-1].to_host[0] > 0  # the wind's push, handed on by the ice
 
 
-def test_veros_without_ice_is_veros_alone(channel):
-    assert channel.same <= 1e-15
+def test_veros_without_ice_is_veros_alone_bit_for_bit_in_the_channel_and_between_coasts(
+    veros, channel
+):
+    assert channel.same == 0.0
+    alone, empty = (
+        veros.Ocean(12, 900.0, make_ice=maker).go(0.125, False)
+        for maker in (None, veros.make_ice((8e3, 14e3), 0.0, False))
+    )
+    assert len(empty.ice.ledger) == 3
+    for name in ("u", "v", "w", "temp", "salt", "psi", "tke"):
+        values = [np.asarray(getattr(ocean.state.variables, name)) for ocean in (alone, empty)]
+        assert np.abs(values[0]).max() > 0
+        np.testing.assert_array_equal(*values)
 
 
 def fram(veros, tmp_path, **options):
+    tmp_path.mkdir(exist_ok=True)
     ocean = veros.Ocean(
         12,
         900.0,
         make_ice=veros.make_ice((8e3, 14e3), 0.6, False),
-        rescue=tmp_path / "ice.nc",
+        folder=tmp_path,
         **options,
     )
     ocean.setup()
@@ -191,12 +203,38 @@ def test_the_ledger_closes_at_the_coasts_of_fram_strait_and_fractions_are_blende
     assert open_water.max() > 0
 
 
-def test_a_clock_of_veros_that_goes_back_and_a_current_that_is_nan_are_refused(veros, tmp_path):
+def test_what_veros_is_given_is_what_the_air_and_the_ice_gave(veros, tmp_path):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    inner, put = (slice(2, -2), slice(2, -2)), np.zeros(2)
+    for _ in range(8):  # two exchanges
+        ocean.step(ocean.state)
+        for axis, (tau, mask, area) in enumerate(
+            ((vs.surface_taux, vs.maskU, vs.area_u), (vs.surface_tauy, vs.maskV, vs.area_v))
+        ):
+            put[axis] += 900.0 * (np.asarray(tau * mask[..., -1] * area))[inner].sum()
+    of_ice = sum(line.to_host for line in ice.ledger)
+    assert np.abs(of_ice).min() > 0
+    np.testing.assert_allclose(put, ice.open_water + of_ice, rtol=1e-12)
+
+
+def test_layers_between_whose_points_veros_finds_no_distance_are_refused(
+    veros, tmp_path, monkeypatch
+):
+    jumps = [500, 400, 300, 220, 150, 100, 60, 35, 20, 15]
+    monkeypatch.setattr(veros, "LAYERS", np.array(jumps, float))
+    with pytest.raises(InputError, match="dzw = .*-10.*thicknesses dzt must vary smoothly"):
+        fram(veros, tmp_path)
+
+
+def test_a_clock_of_veros_that_goes_back_another_mask_and_a_current_that_is_nan_are_refused(
+    veros, tmp_path
+):
     ocean = fram(veros, tmp_path)
     vs, ice = ocean.state.variables, ocean.ice
     for _ in range(4):
         ocean.step(ocean.state)
-    place = f"floes at 3600 s, their state saved in {tmp_path / 'ice.nc'}"
+    place = f"floes at 3600 s, their state saved in {tmp_path / 'ice-rescue.nc'}"
     with vs.unlock():
         good = vs.u
         vs.u = np.where(np.ones_like(good, bool), np.nan, good)
@@ -209,6 +247,13 @@ def test_a_clock_of_veros_that_goes_back_and_a_current_that_is_nan_are_refused(v
             ice.force(ocean.state, *ocean.wind)
         assert str(caught.value).endswith(place)
         vs.time = was
+        mask = vs.maskU
+        vs.maskU = np.zeros_like(mask)
+        with pytest.raises(InputError, match="masks or areas .* are not what they were") as caught:
+            ice.force(ocean.state, *ocean.wind)
+        assert str(caught.value).endswith(place)
+        vs.maskU = mask
+    assert (tmp_path / "ice-rescue.nc").exists()
     ocean.step(ocean.state)
     assert ice.model.time == 7200.0
 
@@ -233,6 +278,39 @@ def test_ice_on_veros_goes_on_from_its_file(veros, tmp_path):
                 np.testing.assert_array_equal(values, right)
     assert again.model.time == ice.model.time == 10800.0
     np.testing.assert_array_equal(again.model.floes.x, ice.model.floes.x)
+
+
+def test_a_run_on_veros_that_was_cut_off_goes_on_to_the_same_result(veros, tmp_path):
+    """Veros dies in its own step, when the ice has gone ahead; both have saved in the middle of an exchange.
+
+    Veros' own restart, without ice as well, is the same to round-off and not to the last bit.
+    """
+    straight, broken = fram(veros, tmp_path / "straight"), fram(veros, tmp_path, save_every=5400.0)
+    for _ in range(12):
+        straight.step(straight.state)
+
+    def dies(state):
+        if state.variables.time >= 8 * 900.0:
+            raise RuntimeError("node lost")
+
+    broken.after_timestep = dies
+    with pytest.raises(RuntimeError, match="node lost"):
+        for _ in range(12):
+            broken.step(broken.state)
+    assert broken.ice.model.time == 7200.0
+    resumed = fram(veros, tmp_path, restart=6)
+    assert float(resumed.state.variables.time) == 5400.0
+    for _ in range(6):
+        resumed.step(resumed.state)
+    for name in ("u", "v", "temp", "salt", "tke", "psi"):
+        a, b = (np.asarray(getattr(of.state.variables, name)) for of in (straight, resumed))
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-13 * np.abs(a).max())
+    a, b = straight.ice, resumed.ice
+    np.testing.assert_allclose(b.model.floes.x, a.model.floes.x, rtol=1e-14)
+    np.testing.assert_allclose(b.open_water, a.open_water, rtol=1e-13)
+    assert b.ledger[-1].time == a.ledger[-1].time
+    np.testing.assert_allclose(b.ledger[-1].to_host, a.ledger[-1].to_host, rtol=1e-11)
+    assert b.ledger[-1].turnover == pytest.approx(a.ledger[-1].turnover, rel=1e-12)
 
 
 # ---- YAC ----------------------------------------------------------------------------------------------
