@@ -43,6 +43,23 @@ def test_ice_goes_out_of_a_lagoon_with_the_ebb_and_the_tide_does_not_feel_it(
     assert (tmp_path / "tidal-lagoon.png").stat().st_size > 50_000
 
 
+def test_the_tide_with_an_empty_ice_component_is_the_tide_alone_bit_for_bit():
+    pytest.importorskip("landlab", reason="the extra `landlab` is not installed")
+    lagoon = example("tidal_lagoon")
+    grids = lagoon.lagoon(), lagoon.lagoon()
+    flows = [lagoon.TidalFlowCalculator(grid, tidal_range=1.5, roughness=0.03) for grid in grids]
+    ice = lagoon.SeaIceFloes(grids[0])
+    for _ in range(2):
+        for flow in flows:
+            flow.run_one_step()
+        lagoon.give_water(grids[0], "ebb")
+        ice.run_one_step(600.0)
+    assert np.abs(grids[0].at_node[lagoon.VELOCITY[0]]).max() > 0.1
+    for where in ("node", "link"):
+        for name in grids[1][where]:
+            np.testing.assert_array_equal(grids[0][where][name], grids[1][where][name])
+
+
 # ---- shallowwater -----------------------------------------------------------------------------------
 
 
