@@ -67,6 +67,10 @@ class Ocean(VerosSetup):
         self.momentum_in = np.zeros(2)  # surface stress as Veros' time scheme weighs it [N s]
         self._last = np.zeros(2)
         self.until = 0.0
+        self.took, self.spent = (
+            0.0,
+            Seconds(0.0, 0.0),
+        )  # wall clock of the run: all of it, and the ice's part
         self.currents: list[tuple[np.ndarray, np.ndarray]] = []  # of the last day, at the surface
         super().__init__()
 
@@ -205,7 +209,13 @@ class Ocean(VerosSetup):
         self.setup()
         with self.state.settings.unlock():
             self.state.settings.runlen = self.until - float(self.state.variables.time)
+        before, began = self.ice.seconds if self.ice else (0.0, 0.0), time.perf_counter()
         self.run(show_progress_bar=show)
+        self.took = time.perf_counter() - began
+        if self.ice is not None:  # the first exchange is made in `setup`
+            self.spent = Seconds(*np.subtract(self.ice.seconds, before).tolist())
+            if self.folder is not None:  # beside the restart file that Veros writes at the end
+                self.ice.save_state(self.folder / f"ice-{self.state.variables.itt}.nc")
         return self
 
 
@@ -262,14 +272,14 @@ def _taken(floes: fb.Floes, keep: np.ndarray) -> fb.Floes:
 
 class Found(NamedTuple):
     """worst : largest residual of the ledger over the impulse exchanged; same : ocean without ice = ocean alone;
-    momentum : in the channel, what Veros' own momentum along x is off, over what was put in; wall clock in seconds."""
+    momentum : in the channel, what Veros' own momentum along x is off, over what was put in; overhead : share of the wall
+    clock that goes into reading the current, giving impulses back, regridding, blending and the ledger."""
 
     worst: float
     momentum: float | None
     same: float
     ledger: list[Exchange]
-    seconds: Seconds
-    ocean: float
+    overhead: float
     floes: int
 
 
@@ -281,9 +291,7 @@ def main(
     """Two-way, one-way, ocean alone and ocean with an empty ice model; the ledger, the figure."""
     folder.mkdir(parents=True, exist_ok=True)
     maker = make_ice(radius, concentration, channel)
-    began = time.perf_counter()
     both = Ocean(size, step, channel, maker, folder=folder, restart=restart).go(days, show)
-    took = time.perf_counter() - began
     one = Ocean(size, step, channel, maker, two_way=False).go(days, show)
     short = min(days, 0.25)
     alone = Ocean(size, step, channel).go(short, False)
@@ -297,28 +305,38 @@ def main(
     print(HEADER)
     for line in ice.ledger[-3:]:
         print(line)
-    ocean = took - sum(ice.seconds)
-    moving = int((ice.model.floes.active & ~ice.model.floes.land).sum())
-    print(
-        f"{moving} floes, {days:g} days in {took:.1f} s: ocean {ocean:.1f}, floes {ice.seconds.ice:.1f},"
-        f" coupling {ice.seconds.coupling:.2f} s ({ice.seconds.coupling / took:.1%})"
-    )
     worst = max(line.relative for line in ice.ledger)
     picture = folder / f"veros-{'channel' if channel else 'fram-strait'}.png"
     _draw(picture, both, one, days, worst)
+    moving = int((ice.model.floes.active & ~ice.model.floes.land).sum())
+    inside = (len(ice.ledger) - 1) * exchange_cost(ice.model, ice.every)
+    overhead = (inside + both.spent.coupling) / both.took
+    print(
+        f"{moving} floes, {days:g} days both ways in {both.took:.1f} s: ocean"
+        f" {both.took - sum(both.spent):.1f}, floes moving {both.spent.ice - inside:.1f}, floes reading the"
+        f" current and giving it back {inside:.2f}, coupling {both.spent.coupling:.2f} s; the last two are"
+        f" {overhead:.1%}"
+    )
     momentum = None
     if channel and restart is None:
         put_in = both.momentum_in
         momentum = float(abs(both.momentum()[0] - put_in[0]) / np.abs(put_in).sum())
-    return Found(
-        worst,
-        momentum,
-        same,
-        ice.ledger,
-        ice.seconds,
-        ocean,
-        moving,
-    )
+    return Found(worst, momentum, same, ice.ledger, overhead, moving)
+
+
+def exchange_cost(model: fb.Model, every: float) -> float:
+    """Seconds of an exchange that do not grow with its length: the floes read the current and give the impulse back,
+    the weights (which the coupling's time has as well), the books.  From short and long ones in turn; the model moves on."""
+    found = []
+    for _ in range(5):
+        points = []
+        for duration in (2 * model.longest_step(), every):
+            before, began = model.counters.steps, time.perf_counter()
+            model.advance(duration)
+            points.append((model.counters.steps - before, time.perf_counter() - began))
+        (few, short), (many, long) = points
+        found.append(short - few * (long - short) / (many - few))
+    return float(np.median(found))
 
 
 def _draw(path: Path, both: Ocean, one: Ocean, days: float, worst: float) -> None:

@@ -157,6 +157,8 @@ def channel(veros, tmp_path_factory):
     folder = tmp_path_factory.mktemp("veros")
     found = veros.main(folder, 0.25, True, size=12, radius=(5e3, 9e3), show=False)
     assert (folder / "veros-channel.png").stat().st_size > 30_000
+    assert {path.name for path in folder.iterdir()} >= {"veros-24.h5", "ice-24.nc"}
+    assert 0.0 < found.overhead < 1.0
     return found
 
 
