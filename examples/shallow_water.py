@@ -251,7 +251,7 @@ def _draw(path: Path, icy: IcyBasin, rows: np.ndarray, worst: float, water: floa
     arrows = left.quiver(
         x[some[1]], y[some[0]], u[some], v[some], color="black", scale=4.0, width=3e-3, zorder=3
     )
-    left.quiverkey(arrows, 0.8, -0.13, 0.2, "current 0.2 m/s", labelpos="E")
+    left.quiverkey(arrows, 0.8, -0.095, 0.2, "current 0.2 m/s", labelpos="E")
     left.set(
         xlabel="x [km]", ylabel="y [km]", aspect="equal", xlim=(0, SIDE[0] / 1e3), ylim=(0, SIDE[1] / 1e3),
         title=f"after {rows[-1, 0] / 3600:g} h; lines: elevation of the surface",

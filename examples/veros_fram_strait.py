@@ -378,7 +378,7 @@ def _draw(path: Path, both: Ocean, one: Ocean, days: float, worst: float) -> Non
         some = some.ravel() & grid.wet
         arrows = panel.quiver(
             *(values[some] for values in (grid.x / 1e3, grid.y / 1e3, u, v)),
-            scale=16 * fastest, width=3e-3, zorder=3,
+            scale=22 * fastest, width=3e-3, zorder=3,
         )  # fmt: skip
         panel.set_title(title)
     length = float(f"{fastest:.1g}")
