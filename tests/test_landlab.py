@@ -130,7 +130,7 @@ def test_what_landlabs_command_validate_and_its_registry_ask_for_is_there():
     assert not set(SeaIceFloes.input_var_names) & set(SeaIceFloes.output_var_names)
     SeaIceFloes(RasterModelGrid((10, 10)))
     assert "SeaIceFloes" in registry.registered
-    assert "10.1029/2018MS001299" in registry.format_citations()
+    assert "10.1029/2018MS001299" in registry.format_citation(SeaIceFloes)
     assert SeaIceFloes.__doc__.strip().splitlines()[0].endswith(".")
 
 
