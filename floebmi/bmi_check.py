@@ -34,9 +34,7 @@ STRESS = tuple(f"sea_ice_bottom_water_flowing__{a}_z_component_of_stress" for a 
 PUSH = 0.1  # [Pa]
 SEA_WATER = 1026.0  # [kg m-3]
 CURRENT = (0.1, -0.05)  # [m s-1]
-ASIDE = (
-    0.2  # of a response: more of it along the other axis is no rotation of the earth in one step
-)
+ASIDE = 0.2  # of a response: more than this across the push is no rotation of the earth
 BESIDE = 0.25  # of a cell: a response that is further away is staggered
 
 SCENE = """
