@@ -60,6 +60,22 @@ def test_the_tide_with_an_empty_ice_component_is_the_tide_alone_bit_for_bit():
             np.testing.assert_array_equal(grids[0][where][name], grids[1][where][name])
 
 
+def test_river_flow_dynamics_loses_what_is_written_into_its_velocity_so_ice_cannot_push_it():
+    landlab = pytest.importorskip("landlab", reason="the extra `landlab` is not installed")
+    from landlab.components import RiverFlowDynamics
+
+    grid = landlab.RasterModelGrid((5, 12))
+    grid.add_field("topographic__elevation", 1.0 - 0.01 * grid.x_of_node, at="node")
+    grid.add_ones("surface_water__depth", at="node")
+    grid.add_field("surface_water__elevation", 2.0 - 0.01 * grid.x_of_node, at="node")
+    grid.add_zeros("surface_water__velocity", at="link")
+    river = RiverFlowDynamics(grid, dt=0.1, mannings_n=0.03)
+    river.run_one_step()
+    grid.at_link["surface_water__velocity"][:] = 99.0
+    river.run_one_step()
+    assert 0 < np.abs(grid.at_link["surface_water__velocity"]).max() < 1.0
+
+
 # ---- shallowwater -----------------------------------------------------------------------------------
 
 
