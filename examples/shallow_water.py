@@ -231,14 +231,18 @@ def _draw(path: Path, icy: IcyBasin, rows: np.ndarray, worst: float, water: floa
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import ListedColormap
 
+    light = ListedColormap(
+        plt.get_cmap("Blues")(np.linspace(0, 0.6, 256))
+    )  # what is on it is legible
     figure, (left, right) = plt.subplots(1, 2, figsize=(12.5, 4.4), layout="constrained")
     grid, floes = icy.grid, icy.model.floes
     x, y = grid.x_c / 1e3, grid.y_c / 1e3
     diameter = 2 * floes.radius / 1e3
     ice = EllipseCollection(
         diameter, diameter, 0 * diameter, units="xy", offsets=np.c_[floes.x, floes.y] / 1e3,
-        transOffset=left.transData, cmap="Blues", ec="0.5", lw=0.2,
+        transOffset=left.transData, cmap=light, ec="0.5", lw=0.2,
     )  # fmt: skip
     ice.set_array(np.hypot(floes.u, floes.v))
     ice.set_clim(0, None)
