@@ -355,14 +355,16 @@ class Coupling:
 
     def exchange(self, until: float) -> Exchange:
         """One exchange, to a time of the floes' clock [s]."""
-        now = self.floes.time()
+        begin = ""
         try:
+            now = self.floes.time()
+            begin = f"{now:g} "
             line = self._exchange(now, until)
         except Exception as error:
             details = getattr(error, "details", None)  # where gRPC has its text
             text = str(details() if callable(details) else error) or type(error).__name__
             raise CouplingError(
-                f"exchange {len(self.ledger) + 1}, {now:g} … {until:g} s: {text.splitlines()[0]}"
+                f"exchange {len(self.ledger) + 1}, {begin}… {until:g} s: {text.splitlines()[0]}"
                 f"; {self._save()}"
             ) from error
         self.ledger.append(line)

@@ -296,21 +296,28 @@ class SeaIceFloes(Component):
             One line: an input that is not finite on a wet cell (field, node and time), a grid that is no
             more what it was, a step backwards.  The component is then as before; its state is in `rescue`.
         """
-        with self._books.unchanged_on_failure(self._rescue):
-            if not (np.isfinite(dt) and dt >= 0):
-                raise InputError(f"run_one_step: dt = {dt!r} s: must be at least 0")
-            if _digest(self._grid) != self._known_grid:
-                raise InputError(
-                    "run_one_step: corners or boundary status of the grid are not what they were when"
-                    " SeaIceFloes was made; make a new one"
-                )
-            self._take_inputs()
-            self._books.open()
-            before = self._impulse()
-            self._model.advance(float(dt))
-            self._show()
-            delivered = self._grid.area_of_cell @ (self._impulse() - before)
-            self._ledger.append(self._books.close(delivered, np.zeros(2)))
+        try:
+            with self._books.unchanged_on_failure(self._rescue):
+                self._step(dt)
+        except Exception:
+            self._show()  # of the state that was put back
+            raise
+
+    def _step(self, dt: float) -> None:
+        if not (np.isfinite(dt) and dt >= 0):
+            raise InputError(f"run_one_step: dt = {dt!r} s: must be at least 0")
+        if _digest(self._grid) != self._known_grid:
+            raise InputError(
+                "run_one_step: corners or boundary status of the grid are not what they were when"
+                " SeaIceFloes was made; make a new one"
+            )
+        self._take_inputs()
+        self._books.open()
+        before = self._impulse()
+        self._model.advance(float(dt))
+        self._show()
+        delivered = self._grid.area_of_cell @ (self._impulse() - before)
+        self._ledger.append(self._books.close(delivered, np.zeros(2)))
 
     def _take_inputs(self) -> None:
         model = self._model

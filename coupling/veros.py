@@ -30,6 +30,7 @@ Without ice all this is the host alone.
 This file imports nothing of Veros; arrays of its numpy backend are written.
 """
 
+import hashlib
 import time
 from pathlib import Path
 from typing import Any, NamedTuple, final
@@ -88,6 +89,8 @@ class SeaIce:
     every : time between exchanges [s], a whole number of Veros' steps
     two_way : False: the ocean does not feel the ice, and is pushed by the wind as if there were none
     rescue : file for the state of the ice if an exchange fails
+    checkpoint : file for the state of the ice whenever Veros writes its restart file (every `restart_frequency`);
+        `{itt}` in it is Veros' number of the step, as in `restart_output_filename`
 
     Attributes
     ----------
@@ -97,7 +100,8 @@ class SeaIce:
     Raises
     ------
     InputError
-        for a model with another grid or no ocean drag, steps that do not fit.
+        for a model with another grid or no ocean drag, steps that do not fit, and layers between whose points Veros
+        finds distances that are not above 0.
     """
 
     def __init__(
@@ -107,8 +111,15 @@ class SeaIce:
         every: float,
         two_way: bool = True,
         rescue: str | Path | None = None,
+        checkpoint: str | Path | None = None,
     ) -> None:
         vs, settings = state.variables, state.settings
+        distances = np.asarray(vs.dzw)
+        if not (distances > 0).all():
+            raise InputError(
+                f"Veros: distances between the points of its layers, dzw = {distances.tolist()} m, are not all above"
+                " 0 and would un-mix the ocean: thicknesses dzt must vary smoothly"
+            )
         step = float(settings.dt_mom)
         if float(settings.dt_tracer) != step:
             raise InputError(
@@ -128,7 +139,9 @@ class SeaIce:
             raise InputError(
                 "Veros: the model's grid must be surface_cells(state), and OceanDrag among its forces"
             )
-        self.model, self.every, self.two_way, self.rescue = model, float(every), two_way, rescue
+        self.model, self.every, self.two_way = model, float(every), two_way
+        self.rescue, self.checkpoint = rescue, checkpoint
+        self._known_grid = _digest(state)
         self._books = Books(model)
         self._cyclic = bool(settings.enable_cyclic_x)
         points = {}
@@ -149,6 +162,7 @@ class SeaIce:
             model.ocean.coriolis[:] = np.asarray(vs.coriolis_t)[INNER, INNER].T.ravel()
         self.ledger: list[Exchange] = []
         self.open_water = np.zeros(2)
+        self._counted = -np.inf  # up to this time of Veros; setup and first step both call
         self._ice_seconds = self._coupling_seconds = 0.0
         model.ocean.layer_thickness = float(np.asarray(vs.dzt)[-1])
 
@@ -197,8 +211,13 @@ class SeaIce:
             The ice is then as it was before the exchange; its state is in `rescue`.
         """
         start, ice_before = time.perf_counter(), self._ice_seconds
-        vs = state.variables
+        vs, settings = state.variables, state.settings
         now, ice = float(vs.time), self.model.time
+        if (
+            self.checkpoint is not None and settings.restart_frequency and vs.itt > 0
+            and now % settings.restart_frequency < settings.dt_tracer
+        ):  # fmt: skip  # as Veros does, a moment ago
+            self.save_state(str(self.checkpoint).format(itt=vs.itt))
         tolerance = SAME_TIME * self.every
         if abs(now - ice) <= tolerance:
             with self._books.unchanged_on_failure(self.rescue):
@@ -214,6 +233,10 @@ class SeaIce:
 
     def _exchange(self, state: Any) -> None:
         vs, model = state.variables, self.model
+        if _digest(state) != self._known_grid:
+            raise InputError(
+                "Veros: masks or areas of the surface layer are not what they were when SeaIce was made; make a new one"
+            )
         currents = (np.asarray(of)[..., -1, vs.tau] for of in (vs.u, vs.v))
         model.ocean.u[:], model.ocean.v[:] = self.at_cells(*currents)
         if model.ocean.tilt_x is not None:
@@ -258,6 +281,9 @@ class SeaIce:
     def _blend(self, state: Any, taux: np.ndarray, tauy: np.ndarray) -> None:
         vs, settings = state.variables, state.settings
         wind, fraction = [taux, tauy], self._fraction
+        new_step = float(vs.time) >= self._counted
+        if new_step:
+            self._counted = float(vs.time) + 0.5 * float(settings.dt_mom)
         tke = None
         if settings.enable_tke:
             at_cells = np.hypot(
@@ -271,7 +297,8 @@ class SeaIce:
             if self.two_way:
                 air = (1.0 - self._mean[name] @ fraction) * air
             here = np.where(points.open, air, 0.0)
-            self.open_water[axis] += (here * points.area).sum() * float(settings.dt_mom)
+            if new_step:
+                self.open_water[axis] += (here * points.area).sum() * float(settings.dt_mom)
             total.append(air + self._stress[axis] if self.two_way else air)
         if self.two_way and tke is not None:
             cover = fraction.reshape(self.model.grid.shape).T
@@ -303,18 +330,29 @@ class SeaIce:
         """Save the ice and the stress of the exchange under way; Veros writes its own restart file."""
         host = {
             "stress_u": self._stress[0], "stress_v": self._stress[1], "fraction": self._fraction,
-            "magnitude": self._magnitude, "open_water": self.open_water,
+            "magnitude": self._magnitude, "open_water": self.open_water, "counted": self._counted,
         }  # fmt: skip
         self._books.save(path, host)
 
     def load_state(self, path: str | Path) -> None:
-        """Go on from `save_state`, on the same grid and at the same time of Veros."""
+        """Go on from `save_state`, on the same grid and at the same time of Veros.
+
+        With Veros' own restart file: in `set_initial_conditions`, for `setup` calls `set_forcing` before the first step.
+        """
         host = self._books.load(path)
         if not host:  # saved by a failed exchange: the next call makes it anew
             return
         self._stress = [np.array(host[f"stress_{name}"]) for name in "uv"]
         self._fraction, self._magnitude = np.array(host["fraction"]), np.array(host["magnitude"])
-        self.open_water = np.array(host["open_water"])
+        self.open_water, self._counted = np.array(host["open_water"]), float(host["counted"])
+
+
+def _digest(state: Any) -> str:
+    """Of what the ice has made weights of."""
+    vs, digest = state.variables, hashlib.sha256()
+    for part in (vs.maskT[..., -1], vs.maskU[..., -1], vs.maskV[..., -1], vs.area_u, vs.area_v):
+        digest.update(np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
 
 
 def _mean_of_cells(points: Staggered) -> Any:

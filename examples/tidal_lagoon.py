@@ -57,6 +57,15 @@ def lagoon() -> RasterModelGrid:
     return grid
 
 
+def give_water(grid: RasterModelGrid, tide: str) -> None:
+    """The velocity on links to nodes, where the ice reads it."""
+    velocity = grid.at_link[f"{tide}_tide_flow__velocity"]
+    for name, values in zip(
+        VELOCITY, grid.map_link_vector_components_to_node(velocity), strict=True
+    ):
+        grid.at_node[name][:] = values
+
+
 def main(folder: Path, tides: int = 1, concentration: float = 0.35) -> Found:
     """The run, the ledger of its last step, the figure."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -82,11 +91,7 @@ def main(folder: Path, tides: int = 1, concentration: float = 0.35) -> Found:
         for _ in range(STEPS):
             for calculator in (flow, flow_alone):
                 calculator.run_one_step()
-            velocity = grid.at_link[f"{tide}_tide_flow__velocity"]
-            for name, values in zip(
-                VELOCITY, grid.map_link_vector_components_to_node(velocity), strict=True
-            ):
-                grid.at_node[name][:] = values
+            give_water(grid, tide)
             ice.run_one_step(HALF_TIDE / STEPS)
             floes = ice.model.floes
             through |= inside & set(np.flatnonzero(floes.x > SPIT + 200.0))
@@ -122,17 +127,13 @@ def _draw(path: Path, pictures: list[tuple], grid: RasterModelGrid) -> None:
     x, y = (values.reshape(SHAPE) / 1e3 for values in (grid.x_of_node, grid.y_of_node))
     bed = grid.at_node["topographic__elevation"].reshape(SHAPE)
     figure, panels = plt.subplots(
-        1, 3, figsize=(13.5, 3.6), sharey=True, sharex=True, layout="constrained"
+        1, 3, figsize=(14, 3.9), sharey=True, sharex=True, layout="constrained"
     )
     fastest = max(picture[4].max() for picture in pictures)
+    some = (slice(1, None, 2), slice(1, None, 3))
     for panel, (title, fx, fy, radius, speed, water) in zip(panels, pictures, strict=True):
         sea = panel.pcolormesh(x, y, -bed, cmap="Greys", vmin=0, vmax=12, rasterized=True)
         panel.contourf(x, y, bed, levels=[0, 10], colors=["#8c6d46"])
-        wet = np.where(bed < 0, 1.0, np.nan)
-        panel.quiver(
-            x[::2, ::3], y[::2, ::3], *(w[::2, ::3] * wet[::2, ::3] for w in water), scale=6, width=2.2e-3,
-            color="tab:orange", zorder=3,
-        )  # fmt: skip
         ice = EllipseCollection(
             2 * radius / 1e3, 2 * radius / 1e3, 0 * radius, units="xy", offsets=np.c_[fx, fy] / 1e3,
             transOffset=panel.transData, cmap="viridis", ec="white", lw=0.2,
@@ -140,10 +141,18 @@ def _draw(path: Path, pictures: list[tuple], grid: RasterModelGrid) -> None:
         ice.set_array(speed)
         ice.set_clim(0, fastest)
         panel.add_collection(ice)
-        panel.set(title=title, xlabel="x [km]", aspect="equal")
+        moving = (bed[some] < 0) & (np.hypot(*(w[some] for w in water)) > 0.02)
+        arrows = panel.quiver(
+            *(values[some][moving] for values in (x, y, *water)), scale=3.0, width=3e-3, color="#d55e00",
+            ec="white", lw=0.3, zorder=3,
+        )  # fmt: skip
+        panel.set(
+            title=title, xlabel="x [km]", aspect="equal", xlim=(0, x.max()), ylim=(0, y.max())
+        )
+    panels[2].quiverkey(arrows, 0.72, -0.17, 0.3, "current 0.3 m/s", labelpos="E")
     panels[0].set_ylabel("y [km]")
     figure.colorbar(ice, ax=panels, label="speed of the ice [m/s]", aspect=30, pad=0.01)
-    figure.colorbar(sea, ax=panels, label="depth [m]", aspect=30, pad=0.01)
+    figure.colorbar(sea, ax=panels, label="depth of the water [m]", aspect=30, pad=0.01)
     figure.savefig(path, dpi=130)
     plt.close(figure)
 

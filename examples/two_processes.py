@@ -3,13 +3,14 @@
     python examples/two_processes.py [--folder two-processes] [--hours 3]
 
 starts `run-bmi-server` with the ice in a process of its own, couples a two-slab ocean to it with the same `couple` as in one
-process, and does the run again without gRPC: the numbers are the same, bit for bit.
+process, and does the run again without gRPC: the numbers are the same, bit for bit.  Then the process of the ice is killed
+half-way; another one takes up its checkpoint (key `checkpoint` of the config file), and the end is the same again.
 
 Limits of grpc4bmi, as found:
 
 - No pointers: `get_value_ptr` raises NotImplementedError.  Use `get_value`, again after each update.
-- Extra methods do not cross: no `save_state` and no `model` on the host's side.  Let the server's side load a state with the
-  key `restart`, and save it there.
+- Extra methods do not cross: no `save_state` and no `model` on the host's side.  The keys `checkpoint` and `restart` of the
+  config file let the server's side save its state after each update, and take it up.
 - Of an error only the text crosses, inside a `RemoteException`; that is why each is one line.  The server prints the rest.
 - Arrays are copied into messages; gRPC's own default limit of a message is 4 MB, half a million float64 values.
 - Location `none` cannot cross: scalars are at `node`, on a grid of type `scalar` and size 1.
@@ -27,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coupling.driver import Exchange, couple
+from coupling.driver import HEADER, Coupling, CouplingError
 from coupling.slab import SURFACE, TwoSlabOcean
 from floebmi import FloeBmi
 
@@ -42,14 +43,22 @@ y = [0.0, 10e3]
 edges = "periodic"
 [grid]
 shape = [9, 11]
-[floes]
-concentration = 0.5
-size = { distribution = "uniform", radius_min = 500.0, radius_max = 900.0 }
 [ocean]
 drag = "constant-cd"
 [time]
 exchange = 600.0
 """
+ICE = """
+[floes]
+concentration = 0.5
+size = { distribution = "uniform", radius_min = 500.0, radius_max = 900.0 }
+"""
+BMI = """
+[bmi]
+scene = "floes.toml"
+checkpoint = "checkpoint.nc"
+"""
+EVERY = 600.0
 
 OCEAN = """
 [grid]
@@ -65,11 +74,15 @@ surface_velocity = [0.4, 0.1]
 
 
 class Found(NamedTuple):
-    """same : both runs end with the same bits; worst : residual of the ledger; refusal : what an error says across."""
+    """same : both runs end with the same bits; resumed : so does one whose ice was killed; alone : without ice the ocean
+    is the ocean alone; worst : residual of the ledger; refusal, fault : what an error, and a death, says across."""
 
     same: bool
+    resumed: bool
+    alone: bool
     worst: float
     refusal: str
+    fault: str
 
 
 @contextmanager
@@ -95,36 +108,101 @@ def another_process(wait: float = 60.0) -> Iterator[Any]:
         client.pipe.terminate()
 
 
-def run(ice: Any, folder: Path, hours: float) -> tuple[np.ndarray, list[Exchange]]:
-    """The surface current of the ocean at the end, and the ledger."""
+def start(folder: Path, ice: Any, config: str = "floes.toml") -> tuple[Coupling, TwoSlabOcean]:
+    """The ice from its config file, an ocean, and what couples them."""
     ocean = TwoSlabOcean()
-    (folder / "ocean.toml").write_text(OCEAN)
-    (folder / "floes.toml").write_text(FLOES)
     ocean.initialize(str(folder / "ocean.toml"))
-    ice.initialize(str(folder / "floes.toml"))
-    lines = couple(ocean, ice, every=600.0, until=hours * 3600.0)
-    return np.concatenate([ocean.get_value_ptr(name) for name in SURFACE]), lines
+    ice.initialize(str(folder / config))
+    return Coupling(ocean, ice, EVERY), ocean
+
+
+def current(ocean: TwoSlabOcean) -> np.ndarray:
+    return np.array([ocean.get_value_ptr(name) for name in SURFACE])
+
+
+def run(coupling: Coupling, ocean: TwoSlabOcean, until: float) -> list[np.ndarray]:
+    """The surface current of the ocean after each exchange."""
+    currents = []
+    while ocean.get_current_time() < until:
+        coupling.exchange(ocean.get_current_time() + EVERY)
+        currents.append(current(ocean))
+    return currents
 
 
 def main(folder: Path, hours: float = 3.0) -> Found:
-    """Both ways of running, and a refused value across the wire."""
+    """Both ways of running, a refused value across the wire, and a process that dies."""
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    here, lines = run(FloeBmi(), folder, hours)
-    print("in one process  ", lines[-1])
+    for name, text in (
+        ("ocean", OCEAN), ("floes", FLOES + ICE), ("no-floes", FLOES), ("bmi", BMI),
+        ("again", BMI + 'restart = "checkpoint.nc"\n'),
+    ):  # fmt: skip
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    until = hours * 3600.0
+    here_side = start(folder, FloeBmi())
+    here = run(*here_side, until)
+    print(" " * 16, HEADER)
+    print("in one process  ", here_side[0].ledger[-1])
     with another_process() as ice:
-        there, lines = run(ice, folder, hours)
-        print("in two processes", lines[-1])
+        coupling, ocean = start(folder, ice)
+        there = run(coupling, ocean, until)
+        print("in two processes", coupling.ledger[-1])
+        worst = max(line.relative for line in coupling.ledger)
         size = ice.get_grid_size(ice.get_var_grid(VELOCITY))
-        refusal = ""
+        refusal = fault = ""
         try:
             ice.set_value(VELOCITY, np.full(size, np.nan))
         except Exception as error:  # noqa: BLE001  whatever gRPC makes of it
             details = getattr(error, "details", None)
             refusal = str(details() if callable(details) else error)
         ice.finalize()
-    print(f"same bits: {np.array_equal(here, there)}; a NaN is answered: {refusal}")
-    return Found(np.array_equal(here, there), max(line.relative for line in lines), refusal)
+        without = run(*start(folder, ice, "no-floes.toml"), until)
+        ice.finalize()
+        alone = TwoSlabOcean()
+        alone.initialize(str(folder / "ocean.toml"))
+        alone.update_until(until)
+        coupling, ocean = start(folder, ice, "bmi.toml")
+        run(coupling, ocean, EVERY * round(0.5 * until / EVERY))
+        ice.pipe.kill()
+        try:
+            run(coupling, ocean, until)
+        except CouplingError as error:
+            fault = str(error)
+    with another_process() as ice:
+        ice.initialize(str(folder / "again.toml"))
+        resumed = run(Coupling(ocean, ice, EVERY), ocean, until)
+    found = Found(
+        np.array_equal(here, there), np.array_equal(resumed[-1], here[-1]),
+        np.array_equal(without[-1], current(alone)), worst, refusal, fault,
+    )  # fmt: skip
+    print(f"same bits: {found.same}; a NaN is answered: {refusal}")
+    print(f"a death is told as: {fault}; from the checkpoint on, same bits: {found.resumed}")
+    _draw(folder / "two-processes.png", here, there, without, found.worst)
+    return found
+
+
+def _draw(
+    path: Path, here: list[np.ndarray], there: list[np.ndarray], without: list[np.ndarray], worst: float
+) -> None:  # fmt: skip
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, panel = plt.subplots(figsize=(7, 4.2), layout="constrained")
+    hours = np.arange(1, len(here) + 1) * EVERY / 3600.0
+    for currents, style, label in (
+        (without, dict(color="black", lw=1), "without ice"),
+        (here, dict(color="#0072b2", lw=2), "with ice, one process"),
+        (there, dict(color="#d55e00", marker="o", mfc="none", ls="none"), "with ice, two processes"),
+    ):  # fmt: skip
+        panel.plot(hours, [speed[0].mean() for speed in currents], label=label, **style)
+    panel.set(xlabel="time [h]", ylabel="surface current along x, mean [m/s]")
+    panel.set_title(f"same bits: {np.array_equal(here, there)}; the ledger closes to {worst:.0e}")
+    panel.grid(alpha=0.3)
+    panel.legend()
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
 
 
 if __name__ == "__main__":

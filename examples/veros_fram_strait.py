@@ -5,10 +5,11 @@ from the north under a northerly wind.  The channel is periodic, its bottom is f
 rotate: nothing but the surface stress changes the ocean's momentum along it, and Veros' own velocities can be held
 against it.
 
-    python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel]
+    python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel] [--restart 96]
 
 makes the run twice, with the ocean feeling the ice and without, and a third one of the ocean alone, each with Veros'
-progress bar; prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.
+progress bar; prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.  Veros and the ice
+save their states once a day; a two-way run that was cut off goes on from the step with number --restart.
 """
 
 import argparse
@@ -36,8 +37,10 @@ SPACING = 10e3  # [m]
 CORIOLIS = 1.43e-4  # at 79° N [1/s]
 WIND = {False: (1.0, -7.0), True: (7.0, 0.0)}  # in the box, in the channel [m/s]
 DRAG = 1.3 * 1.3e-3  # ρ C_d of open water under the wind [kg m-3]
-LAYERS = np.array([500, 400, 300, 220, 150, 100, 60, 35, 20, 15], float)  # from the bottom [m]
-SURFACE = LAYERS[-1]
+# From the bottom.  Veros wants thicknesses and puts T points so that W points are midway between them: thicknesses
+# that do not vary smoothly give it distances below 0, and mixing that un-mixes.  So the distances come first.
+DISTANCES = np.array([400, 400, 300, 220, 160, 110, 75, 50, 32, 20, 15], float)  # [m]
+LAYERS = 0.5 * (DISTANCES[1:] + DISTANCES[:-1])  # [m]
 
 MakeIce = Callable[[fb.Grid, float], fb.Model]
 
@@ -54,13 +57,20 @@ class Ocean(VerosSetup):
 
     def __init__(
         self, size: int, step: float, channel: bool = False, make_ice: MakeIce | None = None,
-        two_way: bool = True, every: float = 3600.0, rescue: Path | None = None,
+        two_way: bool = True, every: float = 3600.0, folder: Path | None = None, save_every: float = 86400.0,
+        restart: int | None = None,
     ) -> None:  # fmt: skip
         self.size, self.time_step, self.channel = size, step, channel
-        self.make_ice, self.two_way, self.every, self.rescue = make_ice, two_way, every, rescue
+        self.make_ice, self.two_way, self.every = make_ice, two_way, every
+        self.folder, self.save_every, self.restart = folder, save_every, restart  # of saved states
         self.ice: SeaIce | None = None
         self.momentum_in = np.zeros(2)  # surface stress as Veros' time scheme weighs it [N s]
         self._last = np.zeros(2)
+        self.until = 0.0
+        self.took, self.spent = (
+            0.0,
+            Seconds(0.0, 0.0),
+        )  # wall clock of the run: all of it, and the ice's part
         self.currents: list[tuple[np.ndarray, np.ndarray]] = []  # of the last day, at the surface
         super().__init__()
 
@@ -72,6 +82,11 @@ class Ocean(VerosSetup):
         settings.dt_mom = settings.dt_tracer = self.time_step
         settings.runlen = self.time_step
         settings.restart_output_filename = ""
+        if self.folder is not None:
+            settings.restart_output_filename = str(self.folder / "veros-{itt}.h5")
+            settings.restart_frequency = self.save_every
+        if self.restart is not None:
+            settings.restart_input_filename = str(self.folder / f"veros-{self.restart}.h5")
         settings.coord_degree = False
         settings.enable_cyclic_x = self.channel
         settings.enable_streamfunction = False
@@ -86,7 +101,7 @@ class Ocean(VerosSetup):
         settings.kappaM_min, settings.kappaH_min = 2e-4, 2e-5
         settings.enable_kappaH_profile = False
         settings.eq_of_state_type = 3
-        settings.enable_hor_diffusion, settings.K_h = True, 500.0
+        settings.enable_superbee_advection = True
 
     @veros_routine
     def set_grid(self, state):
@@ -133,7 +148,12 @@ class Ocean(VerosSetup):
         ]
         if self.make_ice is not None:
             model = self.make_ice(surface_cells(state), self.spacing)
-            self.ice = SeaIce(state, model, self.every, self.two_way, self.rescue)
+            files = [None, None]
+            if self.folder is not None:
+                files = [self.folder / "ice-rescue.nc", self.folder / "ice-{itt}.nc"]
+            self.ice = SeaIce(state, model, self.every, self.two_way, *files)
+            if self.restart is not None:
+                self.ice.load_state(self.folder / f"ice-{self.restart}.nc")
 
     @veros_routine
     def set_forcing(self, state):
@@ -166,7 +186,7 @@ class Ocean(VerosSetup):
         ab = 0.5 + settings.AB_eps
         self.momentum_in += float(settings.dt_mom) * ((1 + ab) * force - ab * self._last)
         self._last = force
-        if vs.time > settings.runlen - 86400.0:
+        if vs.time > self.until - 86400.0:
             self.currents.append(tuple(np.array(u[..., -1, vs.tau]) for u in (vs.u, vs.v)))
 
     @veros_routine
@@ -185,10 +205,17 @@ class Ocean(VerosSetup):
 
     def go(self, days: float, show: bool) -> "Ocean":
         """Set up and run with Veros' own progress bar."""
+        self.until = days * 86400.0
         self.setup()
         with self.state.settings.unlock():
-            self.state.settings.runlen = days * 86400.0
+            self.state.settings.runlen = self.until - float(self.state.variables.time)
+        before, began = self.ice.seconds if self.ice else (0.0, 0.0), time.perf_counter()
         self.run(show_progress_bar=show)
+        self.took = time.perf_counter() - began
+        if self.ice is not None:  # the first exchange is made in `setup`
+            self.spent = Seconds(*np.subtract(self.ice.seconds, before).tolist())
+            if self.folder is not None:  # beside the restart file that Veros writes at the end
+                self.ice.save_state(self.folder / f"ice-{self.state.variables.itt}.nc")
         return self
 
 
@@ -245,27 +272,26 @@ def _taken(floes: fb.Floes, keep: np.ndarray) -> fb.Floes:
 
 class Found(NamedTuple):
     """worst : largest residual of the ledger over the impulse exchanged; same : ocean without ice = ocean alone;
-    momentum : in the channel, what Veros' own momentum along x is off, over what was put in; wall clock in seconds."""
+    momentum : in the channel, what Veros' own momentum along x is off, over what was put in; overhead : share of the wall
+    clock that goes into reading the current, giving impulses back, regridding, blending and the ledger."""
 
     worst: float
-    momentum: float
+    momentum: float | None
     same: float
     ledger: list[Exchange]
-    seconds: Seconds
-    ocean: float
+    overhead: float
     floes: int
 
 
 def main(
     folder: Path, days: float = 7.0, channel: bool = False, size: int = 40, step: float = 900.0,
     radius: tuple[float, float] = (1.8e3, 4e3), concentration: float = 0.75, show: bool = True,
+    restart: int | None = None,
 ) -> Found:  # fmt: skip
     """Two-way, one-way, ocean alone and ocean with an empty ice model; the ledger, the figure."""
     folder.mkdir(parents=True, exist_ok=True)
     maker = make_ice(radius, concentration, channel)
-    began = time.perf_counter()
-    both = Ocean(size, step, channel, maker).go(days, show)
-    took = time.perf_counter() - began
+    both = Ocean(size, step, channel, maker, folder=folder, restart=restart).go(days, show)
     one = Ocean(size, step, channel, maker, two_way=False).go(days, show)
     short = min(days, 0.25)
     alone = Ocean(size, step, channel).go(short, False)
@@ -279,79 +305,99 @@ def main(
     print(HEADER)
     for line in ice.ledger[-3:]:
         print(line)
-    ocean = took - sum(ice.seconds)
+    worst = max(line.relative for line in ice.ledger)
+    picture = folder / f"veros-{'channel' if channel else 'fram-strait'}.png"
+    _draw(picture, both, one, days, worst)
     moving = int((ice.model.floes.active & ~ice.model.floes.land).sum())
+    inside = (len(ice.ledger) - 1) * exchange_cost(ice.model, ice.every)
+    overhead = (inside + both.spent.coupling) / both.took
     print(
-        f"{moving} floes, {days:g} days in {took:.1f} s: ocean {ocean:.1f}, floes {ice.seconds.ice:.1f},"
-        f" coupling {ice.seconds.coupling:.2f} s ({ice.seconds.coupling / took:.1%})"
+        f"{moving} floes, {days:g} days both ways in {both.took:.1f} s: ocean"
+        f" {both.took - sum(both.spent):.1f}, floes moving {both.spent.ice - inside:.1f}, floes reading the"
+        f" current and giving it back {inside:.2f}, coupling {both.spent.coupling:.2f} s; the last two are"
+        f" {overhead:.1%}"
     )
-    _draw(folder / f"veros-{'channel' if channel else 'fram-strait'}.png", both, one, days)
-    momentum = float(abs(both.momentum()[0] - both.momentum_in[0]) / np.abs(both.momentum_in).sum())
-    return Found(
-        max(line.relative for line in ice.ledger),
-        momentum,
-        same,
-        ice.ledger,
-        ice.seconds,
-        ocean,
-        moving,
-    )
+    momentum = None
+    if channel and restart is None:
+        put_in = both.momentum_in
+        momentum = float(abs(both.momentum()[0] - put_in[0]) / np.abs(put_in).sum())
+    return Found(worst, momentum, same, ice.ledger, overhead, moving)
 
 
-def _draw(path: Path, both: Ocean, one: Ocean, days: float) -> None:
+def exchange_cost(model: fb.Model, every: float) -> float:
+    """Seconds of an exchange that do not grow with its length: the floes read the current and give the impulse back,
+    the weights (which the coupling's time has as well), the books.  From short and long ones in turn; the model moves on."""
+    found = []
+    for _ in range(5):
+        points = []
+        for duration in (2 * model.longest_step(), every):
+            before, began = model.counters.steps, time.perf_counter()
+            model.advance(duration)
+            points.append((model.counters.steps - before, time.perf_counter() - began))
+        (few, short), (many, long) = points
+        found.append(short - few * (long - short) / (many - few))
+    return float(np.median(found))
+
+
+def _draw(path: Path, both: Ocean, one: Ocean, days: float, worst: float) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import ListedColormap
 
-    figure, panels = plt.subplots(1, 3, figsize=(15, 4.6), sharey=True, layout="constrained")
-    speeds = []
-    for run in (both, one):
-        speeds.append(run.ice.at_cells(*np.mean(run.currents, axis=0)))
+    figure, panels = plt.subplots(
+        1, 3, figsize=(15, 5), sharex=True, sharey=True, layout="constrained"
+    )
     grid = both.ice.model.grid
     shape, wet = grid.shape, grid.wet.reshape(grid.shape)
     x, y = grid.x_edges / 1e3, grid.y_edges / 1e3
+    speeds = [run.ice.at_cells(*np.mean(run.currents, axis=0)) for run in (both, one)]
     fastest = max(np.hypot(*pair).max() for pair in speeds)
+    difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
+    most = np.abs(difference[grid.wet]).max()
+    light = ListedColormap(plt.get_cmap("Blues")(np.linspace(0, 0.65, 256)))  # arrows stay legible
+    every = max(1, shape[0] // 16)
     for panel, run, (u, v), title in zip(
-        panels,
-        (both, one),
-        speeds,
-        ("both ways", "one way: the ocean does not feel the ice"),
-        strict=False,
-    ):
+        panels, (both, one), speeds, ("both ways", "one way: the ocean does not feel the ice"), strict=False
+    ):  # fmt: skip
         speed = np.where(wet, np.hypot(u, v).reshape(shape), np.nan)
-        panel.set_facecolor("#8c6d46")
-        sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap="viridis", rasterized=True)
-        step = max(1, shape[0] // 16)
-        panel.quiver(
-            grid.x.reshape(shape)[::step, ::step] / 1e3, grid.y.reshape(shape)[::step, ::step] / 1e3,
-            u.reshape(shape)[::step, ::step], v.reshape(shape)[::step, ::step], color="white", scale=16 * fastest,
-        )  # fmt: skip
+        sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap=light, rasterized=True)
         floes = run.ice.model.floes
         ice = floes.active & ~floes.land
         diameter = 2 * floes.radius[ice] / 1e3
         panel.add_collection(
             EllipseCollection(
                 diameter, diameter, 0 * diameter, units="xy", transOffset=panel.transData,
-                offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="white", lw=0.4, alpha=0.7,
+                offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="0.35", lw=0.4,
             )
         )  # fmt: skip
-        panel.set(title=title, xlabel="x [km]", aspect="equal")
-    difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
-    difference = np.where(wet, difference.reshape(shape), np.nan)
-    most = np.nanmax(np.abs(difference))
-    panels[2].set_facecolor("#8c6d46")
+        some = np.zeros(shape, bool)
+        some[every // 2 :: every, every // 2 :: every] = True
+        some = some.ravel() & grid.wet
+        arrows = panel.quiver(
+            *(values[some] for values in (grid.x / 1e3, grid.y / 1e3, u, v)),
+            scale=22 * fastest, width=3e-3, zorder=3,
+        )  # fmt: skip
+        panel.set_title(title)
+    length = float(f"{fastest:.1g}")
+    panels[0].quiverkey(arrows, 0.8, -0.1, length, f"{length:g} m/s", labelpos="E")
     change = panels[2].pcolormesh(
-        x, y, difference, cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True
-    )
-    panels[2].set(title="both ways − one way", xlabel="x [km]", aspect="equal")
+        x, y, np.where(wet, difference.reshape(shape), np.nan), cmap="RdBu_r", vmin=-most, vmax=most,
+        rasterized=True,
+    )  # fmt: skip
+    panels[2].set_title("speed of the current: both ways − one way")
+    for panel in panels:
+        panel.set(xlabel="x [km]", aspect="equal", facecolor="#8c6d46")
     panels[0].set_ylabel("y [km]")
     figure.colorbar(
-        sea, ax=panels[1], label="mean surface current of the last day [m/s]", aspect=30
+        sea, ax=panels[1], label="surface current, mean of the last day [m/s]", aspect=30
     )
-    figure.colorbar(change, ax=panels[2], label="[m/s]", aspect=30)
-    figure.suptitle(f"Veros and floes after {days:g} days of wind")
+    figure.colorbar(change, ax=panels[2], label="difference [m/s]", aspect=30)
+    figure.suptitle(
+        f"Veros and floes after {days:g} d of wind; brown: land; the momentum ledger closes to {worst:.0e}"
+    )
     figure.savefig(path, dpi=130)
     plt.close(figure)
 
@@ -363,5 +409,7 @@ if __name__ == "__main__":
     words.add_argument("--folder", type=Path, default=Path("veros-fram-strait"))
     words.add_argument("--days", type=float, default=7.0)
     words.add_argument("--channel", action="store_true")
+    words.add_argument("--restart", type=int, help="number of the step to go on from")
+    words.add_argument("--radius", type=float, nargs=2, default=(1.8e3, 4e3), help="of floes [m]")
     given = vars(words.parse_args())
     print(*(f"{k} = {v}" for k, v in main(**given)._asdict().items() if k != "ledger"), sep="\n")

@@ -14,6 +14,7 @@ The configuration file is a scene, or one table that names a scene and says how 
     cells = "faces"                   # default "nodes"
     floe_capacity = 2000              # room for single floes; default 0, no floe-level variables
     restart = "state.nc"              # what `save_state` wrote; default: start at 0 s
+    checkpoint = "state.nc"           # the state after each update, for hosts that cannot call `save_state`
 
 Cells.  The nodes of a structured grid are the *centres* of cells, order (y, x).  Where a structured BMI
 grid cannot say what the cells are (curvilinear and unstructured exchange grids, or `cells = "faces"`),
@@ -246,7 +247,7 @@ class _Running:
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
         built = scene.build()
         self.model: Model = built.model
-        self.capacity = view.floe_capacity
+        self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
         self.sources: dict[str, VelocitySource] = {}
         self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
         for name, source in (("ocean", built.ocean), ("atmosphere", built.atmosphere)):
@@ -512,7 +513,10 @@ class FloeBmi(Bmi):
             self._advance(time)
 
     def _advance(self, until: float) -> None:
-        self._now("update").advance(until)
+        now = self._now("update")
+        now.advance(until)
+        if now.checkpoint is not None:
+            self.save_state(now.checkpoint)
 
     def finalize(self) -> None:
         """Let go of everything; `initialize` may follow."""

@@ -1,9 +1,11 @@
 """What a host writes to start the component: a scene, or one table that names a scene and how to see it."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from floebmi.errors import InputError
 from floebmi.scene import Scene, find_scene, read_scene
 from floebmi.tables import Table, parse, read_text, validate
 
@@ -22,6 +24,9 @@ class BmiTable(Table):
     )
     restart: str | None = Field(
         None, description="file that save_state wrote, relative to this file"
+    )
+    checkpoint: str | None = Field(
+        None, description="file, relative to this file, that holds the state after each update"
     )
 
 
@@ -45,8 +50,12 @@ def read_config(config_file: str) -> tuple[Scene, BmiTable]:
     if "bmi" not in tables:
         return read_scene(config_file), BmiTable(scene=str(path))
     table = validate(BmiFile, tables, str(path)).bmi
-    beside = path.parent / table.scene
-    scene = read_scene(beside if beside.exists() else table.scene, table.set)
-    if table.restart is not None:
-        table = table.model_copy(update={"restart": str(path.parent / table.restart)})
-    return scene, table
+    named = path.parent / table.scene
+    scene = read_scene(named if named.exists() else table.scene, table.set)
+    files = {"restart": table.restart, "checkpoint": table.checkpoint}
+    beside = {key: str(path.parent / name) for key, name in files.items() if name is not None}
+    if table.checkpoint is not None and not Path(beside["checkpoint"]).parent.is_dir():
+        raise InputError(
+            f"{path}: [bmi] checkpoint = {table.checkpoint!r}: there is no such folder; make it first"
+        )
+    return scene, table.model_copy(update=beside)

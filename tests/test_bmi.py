@@ -186,6 +186,26 @@ def test_the_restart_key_goes_on_with_the_same_bits(scene: Path, tmp_path: Path)
     assert same(everything(component), everything(other))
 
 
+def test_a_component_that_was_killed_goes_on_from_its_checkpoint(
+    scene: Path, tmp_path: Path
+) -> None:
+    whole = started(scene)
+    file = tmp_path / "bmi.toml"
+    text = '[bmi]\nscene = "scene.toml"\ncheckpoint = "now.nc"\n'
+    file.write_text(text)
+    killed = started(file)
+    assert not (tmp_path / "now.nc").exists()
+    for component in (whole, killed):
+        component.update()
+        component.update()
+    file.write_text(text + 'restart = "now.nc"\n')
+    other = started(file)
+    assert other.get_current_time() == whole.get_current_time()
+    whole.update()
+    other.update()
+    assert same(everything(whole), everything(other))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -193,6 +213,7 @@ def test_the_restart_key_goes_on_with_the_same_bits(scene: Path, tmp_path: Path)
         ('[bmi]\nscene = "scene.toml"\ncells = "corners"\n', ["bmi", "cells", "corners", "faces"]),
         ('[bmi]\nscene = "scene.toml"\nfloe_capacity = 2\n', ["floe_capacity", "2"]),
         ('[bmi]\nscene = "scene.toml"\nrestart = "none.nc"\n', ["none.nc"]),
+        ('[bmi]\nscene = "scene.toml"\ncheckpoint = "no/now.nc"\n', ["checkpoint", "no/now.nc"]),
         ('[bmi]\nscene = "scene.toml"\nset = ["grid.kind=hexagonal"]\n', ["kind", "hexagonal"]),
         (SCENE.replace("exchange = 60.0", ""), ["[time] exchange"]),
         (SCENE.replace("shape = [3, 4]", 'kind = "structured"\nshape = [3, 4]'), ["structured"]),

@@ -40,6 +40,11 @@ class Swapped(TwoSlabOcean):
         super().set_value(STRESS[1 - STRESS.index(name)], src)
 
 
+class Deaf(TwoSlabOcean):
+    def set_value(self, name, src):
+        pass
+
+
 class Staggered(TwoSlabOcean):
     """Takes the stress at the faces to the east of its velocities."""
 
@@ -71,7 +76,8 @@ def test_a_host_that_is_right_passes_and_its_layer_is_told(config):
 
 def test_each_mistake_is_named(config):
     assert wrong(Turned, config) == ["sign along x", "sign along y"]
-    assert wrong(Swapped, config) == ["sign along x", "sign along y"]
+    assert wrong(Swapped, config) == ["axes, push along x", "axes, push along y"]
+    assert wrong(Deaf, config) == ["sign along x", "sign along y"]
     assert wrong(Staggered, config) == ["staggering along x", "staggering along y"]
     assert wrong(Knots, config) == [f"units of {STRESS[0]}"]
 

@@ -3,6 +3,7 @@
 import glob
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from test_examples import ROOT, example
 
 from floebmi.errors import InputError
+from floebmi.output import load_restart
 
 
 @pytest.fixture
@@ -39,6 +41,39 @@ def test_ice_goes_out_of_a_lagoon_with_the_ebb_and_the_tide_does_not_feel_it(
     assert found.host_unchanged
     assert "residual" in capsys.readouterr().out
     assert (tmp_path / "tidal-lagoon.png").stat().st_size > 50_000
+
+
+def test_the_tide_with_an_empty_ice_component_is_the_tide_alone_bit_for_bit():
+    pytest.importorskip("landlab", reason="the extra `landlab` is not installed")
+    lagoon = example("tidal_lagoon")
+    grids = lagoon.lagoon(), lagoon.lagoon()
+    flows = [lagoon.TidalFlowCalculator(grid, tidal_range=1.5, roughness=0.03) for grid in grids]
+    ice = lagoon.SeaIceFloes(grids[0])
+    for _ in range(2):
+        for flow in flows:
+            flow.run_one_step()
+        lagoon.give_water(grids[0], "ebb")
+        ice.run_one_step(600.0)
+    assert np.abs(grids[0].at_node[lagoon.VELOCITY[0]]).max() > 0.1
+    for where in ("node", "link"):
+        for name in grids[1][where]:
+            np.testing.assert_array_equal(grids[0][where][name], grids[1][where][name])
+
+
+def test_river_flow_dynamics_loses_what_is_written_into_its_velocity_so_ice_cannot_push_it():
+    landlab = pytest.importorskip("landlab", reason="the extra `landlab` is not installed")
+    from landlab.components import RiverFlowDynamics
+
+    grid = landlab.RasterModelGrid((5, 12))
+    grid.add_field("topographic__elevation", 1.0 - 0.01 * grid.x_of_node, at="node")
+    grid.add_ones("surface_water__depth", at="node")
+    grid.add_field("surface_water__elevation", 2.0 - 0.01 * grid.x_of_node, at="node")
+    grid.add_zeros("surface_water__velocity", at="link")
+    river = RiverFlowDynamics(grid, dt=0.1, mannings_n=0.03)
+    river.run_one_step()
+    grid.at_link["surface_water__velocity"][:] = 99.0
+    river.run_one_step()
+    assert 0 < np.abs(grid.at_link["surface_water__velocity"]).max() < 1.0
 
 
 # ---- shallowwater -----------------------------------------------------------------------------------
@@ -138,6 +173,8 @@ def channel(veros, tmp_path_factory):
     folder = tmp_path_factory.mktemp("veros")
     found = veros.main(folder, 0.25, True, size=12, radius=(5e3, 9e3), show=False)
     assert (folder / "veros-channel.png").stat().st_size > 30_000
+    assert {path.name for path in folder.iterdir()} >= {"veros-24.h5", "ice-24.nc"}
+    assert 0.0 < found.overhead < 1.0
     return found
 
 
@@ -148,16 +185,28 @@ def test_momentum_closes_on_the_faces_of_veros_and_in_its_own_velocities(channel
     assert channel.ledger[-1].to_host[0] > 0  # the wind's push, handed on by the ice
 
 
-def test_veros_without_ice_is_veros_alone(channel):
-    assert channel.same <= 1e-15
+def test_veros_without_ice_is_veros_alone_bit_for_bit_in_the_channel_and_between_coasts(
+    veros, channel
+):
+    assert channel.same == 0.0
+    alone, empty = (
+        veros.Ocean(12, 900.0, make_ice=maker).go(0.125, False)
+        for maker in (None, veros.make_ice((8e3, 14e3), 0.0, False))
+    )
+    assert len(empty.ice.ledger) == 3
+    for name in ("u", "v", "w", "temp", "salt", "psi", "tke"):
+        values = [np.asarray(getattr(ocean.state.variables, name)) for ocean in (alone, empty)]
+        assert np.abs(values[0]).max() > 0
+        np.testing.assert_array_equal(*values)
 
 
 def fram(veros, tmp_path, **options):
+    tmp_path.mkdir(exist_ok=True)
     ocean = veros.Ocean(
         12,
         900.0,
         make_ice=veros.make_ice((8e3, 14e3), 0.6, False),
-        rescue=tmp_path / "ice.nc",
+        folder=tmp_path,
         **options,
     )
     ocean.setup()
@@ -189,12 +238,38 @@ def test_the_ledger_closes_at_the_coasts_of_fram_strait_and_fractions_are_blende
     assert open_water.max() > 0
 
 
-def test_a_clock_of_veros_that_goes_back_and_a_current_that_is_nan_are_refused(veros, tmp_path):
+def test_what_veros_is_given_is_what_the_air_and_the_ice_gave(veros, tmp_path):
+    ocean = fram(veros, tmp_path)
+    vs, ice = ocean.state.variables, ocean.ice
+    inner, put = (slice(2, -2), slice(2, -2)), np.zeros(2)
+    for _ in range(8):  # two exchanges
+        ocean.step(ocean.state)
+        for axis, (tau, mask, area) in enumerate(
+            ((vs.surface_taux, vs.maskU, vs.area_u), (vs.surface_tauy, vs.maskV, vs.area_v))
+        ):
+            put[axis] += 900.0 * (np.asarray(tau * mask[..., -1] * area))[inner].sum()
+    of_ice = sum(line.to_host for line in ice.ledger)
+    assert np.abs(of_ice).min() > 0
+    np.testing.assert_allclose(put, ice.open_water + of_ice, rtol=1e-12)
+
+
+def test_layers_between_whose_points_veros_finds_no_distance_are_refused(
+    veros, tmp_path, monkeypatch
+):
+    jumps = [500, 400, 300, 220, 150, 100, 60, 35, 20, 15]
+    monkeypatch.setattr(veros, "LAYERS", np.array(jumps, float))
+    with pytest.raises(InputError, match="dzw = .*-10.*thicknesses dzt must vary smoothly"):
+        fram(veros, tmp_path)
+
+
+def test_a_clock_of_veros_that_goes_back_another_mask_and_a_current_that_is_nan_are_refused(
+    veros, tmp_path
+):
     ocean = fram(veros, tmp_path)
     vs, ice = ocean.state.variables, ocean.ice
     for _ in range(4):
         ocean.step(ocean.state)
-    place = f"floes at 3600 s, their state saved in {tmp_path / 'ice.nc'}"
+    place = f"floes at 3600 s, their state saved in {tmp_path / 'ice-rescue.nc'}"
     with vs.unlock():
         good = vs.u
         vs.u = np.where(np.ones_like(good, bool), np.nan, good)
@@ -207,6 +282,13 @@ def test_a_clock_of_veros_that_goes_back_and_a_current_that_is_nan_are_refused(v
             ice.force(ocean.state, *ocean.wind)
         assert str(caught.value).endswith(place)
         vs.time = was
+        mask = vs.maskU
+        vs.maskU = np.zeros_like(mask)
+        with pytest.raises(InputError, match="masks or areas .* are not what they were") as caught:
+            ice.force(ocean.state, *ocean.wind)
+        assert str(caught.value).endswith(place)
+        vs.maskU = mask
+    assert (tmp_path / "ice-rescue.nc").exists()
     ocean.step(ocean.state)
     assert ice.model.time == 7200.0
 
@@ -233,6 +315,39 @@ def test_ice_on_veros_goes_on_from_its_file(veros, tmp_path):
     np.testing.assert_array_equal(again.model.floes.x, ice.model.floes.x)
 
 
+def test_a_run_on_veros_that_was_cut_off_goes_on_to_the_same_result(veros, tmp_path):
+    """Veros dies in its own step, when the ice has gone ahead; both have saved in the middle of an exchange.
+
+    Veros' own restart, without ice as well, is the same to round-off and not to the last bit.
+    """
+    straight, broken = fram(veros, tmp_path / "straight"), fram(veros, tmp_path, save_every=5400.0)
+    for _ in range(12):
+        straight.step(straight.state)
+
+    def dies(state):
+        if state.variables.time >= 8 * 900.0:
+            raise RuntimeError("node lost")
+
+    broken.after_timestep = dies
+    with pytest.raises(RuntimeError, match="node lost"):
+        for _ in range(12):
+            broken.step(broken.state)
+    assert broken.ice.model.time == 7200.0
+    resumed = fram(veros, tmp_path, restart=6)
+    assert float(resumed.state.variables.time) == 5400.0
+    for _ in range(6):
+        resumed.step(resumed.state)
+    for name in ("u", "v", "temp", "salt", "tke", "psi"):
+        a, b = (np.asarray(getattr(of.state.variables, name)) for of in (straight, resumed))
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-13 * np.abs(a).max())
+    a, b = straight.ice, resumed.ice
+    np.testing.assert_allclose(b.model.floes.x, a.model.floes.x, rtol=1e-14)
+    np.testing.assert_allclose(b.open_water, a.open_water, rtol=1e-13)
+    assert b.ledger[-1].time == a.ledger[-1].time
+    np.testing.assert_allclose(b.ledger[-1].to_host, a.ledger[-1].to_host, rtol=1e-11)
+    assert b.ledger[-1].turnover == pytest.approx(a.ledger[-1].turnover, rel=1e-12)
+
+
 # ---- YAC ----------------------------------------------------------------------------------------------
 
 MPI = glob.glob(sys.prefix + "/lib/libmpi.so.40")
@@ -242,10 +357,10 @@ with_yac = pytest.mark.skipif(
 )
 
 
-def in_its_own_process(*command):
+def in_its_own_process(*command, fails=False):
     """YAC ends the process on an error, and MPI starts once: never in the process of the tests."""
     environment = os.environ | {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": str(ROOT),
+        "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "examples")]),
     }  # fmt: skip
     done = subprocess.run(
         [str(word) for word in command],
@@ -254,34 +369,85 @@ def in_its_own_process(*command):
         text=True,
         timeout=300,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    assert (done.returncode != 0) == fails, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+YAC = ROOT / "examples" / "yac_coupler.py"
+TWO = (Path(sys.prefix) / "bin" / "mpirun", "--oversubscribe", "-n", "2", sys.executable)
 
 
 @with_yac
-def test_through_yac_the_ocean_gets_the_force_that_the_floes_felt(tmp_path):
-    script = ROOT / "examples" / "yac_coupler.py"
-    in_its_own_process(sys.executable, script, "--folder", tmp_path)
+def test_through_yac_the_ocean_gets_the_force_that_the_floes_felt(tmp_path, capsys):
+    in_its_own_process(sys.executable, YAC, "--folder", tmp_path)
     found = example("yac_coupler").compare(tmp_path)
-    assert found["difference"] <= 1e-9
-    assert found["force"] > 1e7
+    assert found.worst <= 1e-9
+    assert found.force > 1e7
+    assert np.abs([line.host for line in found.ledger]).min() > 0
+    assert "residual" in capsys.readouterr().out
+    assert (tmp_path / "yac-coupler.png").stat().st_size > 30_000
+
+
+@with_yac
+def test_through_yac_an_ice_model_without_floes_leaves_the_ocean_as_it_is_alone(tmp_path):
+    in_its_own_process(sys.executable, YAC, "--folder", tmp_path, "--no-ice")
+    water = load_restart(tmp_path / "ocean-8.nc")[0]["water"]
+    cells = np.tile(np.arange(-3.75, 4.0, 0.5), 12)  # the slab alone keeps what it starts with
+    np.testing.assert_array_equal(water, [0.3 * np.cos(np.radians(30.0 * cells)), 0 * cells])
+
+
+DIES = """
+import os, signal, sys
+from pathlib import Path
+import yac_coupler as yac
+
+get, calls = yac.Side.get, []
+
+def dies(self, fields):
+    values = get(self, fields)
+    calls.append(fields)
+    if self.name == sys.argv[1] and len(calls) == 5:
+        if sys.argv[2] == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        values[0, 7] = float("nan")
+    return values
+
+yac.Side.get = dies
+yac.main(Path(sys.argv[3]))
+"""
 
 
 @with_yac
 @pytest.mark.long
-def test_through_yac_in_two_processes_as_well(tmp_path):
-    script, mpirun = ROOT / "examples" / "yac_coupler.py", Path(sys.prefix) / "bin" / "mpirun"
-    command = (mpirun, "--oversubscribe", "-n", "2", sys.executable, script, "--folder", tmp_path)
-    in_its_own_process(*command)
-    assert example("yac_coupler").compare(tmp_path)["difference"] <= 1e-9
+def test_a_partner_that_dies_in_yac_is_told_in_a_line_and_a_restart_ends_the_same(tmp_path):
+    (tmp_path / "dies.py").write_text(DIES)
+    in_its_own_process(*TWO, YAC, "--folder", tmp_path / "whole")
+    assert example("yac_coupler").compare(tmp_path / "whole").worst <= 1e-9
+    for who, how, teller, text in (
+        ("ocean", "killed", "ice", "exchange 6: ended from outside, the other component is gone"),
+        ("ice", "killed", "ocean", "exchange 5: ended from outside, the other component is gone"),
+        ("ice", "nan", "ice", "exchange 5: .*velocity: nan at index 7, a wet cell: must be finite"),
+    ):
+        folder = tmp_path / f"{who}-{how}"
+        said = in_its_own_process(*TWO, tmp_path / "dies.py", who, how, folder, fails=True)
+        line = f"^{teller}: {text}; the state after exchange . is saved in {folder}: go on with"
+        assert len(re.findall(line, said, re.MULTILINE)) == 1, said
+        in_its_own_process(*TWO, YAC, "--folder", folder, "--restart")
+        for name in ("ice.json", "ocean.json"):
+            assert (folder / name).read_text() == (tmp_path / "whole" / name).read_text()
 
 
 # ---- another process, through gRPC --------------------------------------------------------------------
 
 
-def test_a_host_in_another_process_gets_the_numbers_of_a_host_in_the_same(tmp_path):
+def test_a_host_in_another_process_gets_the_numbers_of_a_host_in_the_same_and_outlives_it(tmp_path):
     pytest.importorskip("grpc4bmi", reason="the extra `grpc` is not installed")
     found = example("two_processes").main(tmp_path, hours=0.5)
     assert found.same
+    assert found.alone  # without ice, the ocean alone
     assert found.worst <= 1e-12
     assert "must be finite" in found.refusal and "\n" not in found.refusal
+    assert found.fault.startswith("exchange ") and found.fault.endswith("floes do not answer")
+    assert "\n" not in found.fault
+    assert found.resumed  # from the checkpoint of the process that was killed
+    assert (tmp_path / "two-processes.png").stat().st_size > 20_000

@@ -17,8 +17,10 @@ from landlab import (
     RadialModelGrid,
     RasterModelGrid,
     VoronoiDelaunayGrid,
+    registry,
 )
 from landlab.bmi import wrap_as_bmi
+from landlab.cmd.landlab import _validate_component
 from landlab.components import COMPONENTS
 
 import coupling.landlab
@@ -118,6 +120,35 @@ def test_it_tells_its_name_citation_and_whether_units_matter():
         assert SeaIceFloes.definitions
         assert SeaIceFloes.var_loc(name) == "node"
         SeaIceFloes.var_help(name)
+
+
+def test_what_landlabs_command_validate_and_its_registry_ask_for_is_there():
+    assert _validate_component(SeaIceFloes) == []
+    assert isinstance(SeaIceFloes.input_var_names, tuple)
+    assert isinstance(SeaIceFloes.output_var_names, tuple)
+    assert SeaIceFloes.optional_var_names == ()
+    assert not set(SeaIceFloes.input_var_names) & set(SeaIceFloes.output_var_names)
+    SeaIceFloes(RasterModelGrid((10, 10)))
+    assert "SeaIceFloes" in registry.registered
+    assert "10.1029/2018MS001299" in registry.format_citation(SeaIceFloes)
+    assert SeaIceFloes.__doc__.strip().splitlines()[0].endswith(".")
+
+
+def test_output_fields_are_there_as_soon_as_the_component_is():
+    grid = RasterModelGrid((10, 10))
+    for name in SeaIceFloes.input_var_names:
+        grid.add_zeros(name, at=SeaIceFloes.var_loc(name), dtype=SeaIceFloes.var_type(name))
+    SeaIceFloes(grid)
+    for name in SeaIceFloes.output_var_names:
+        assert grid.at_node[name].dtype == SeaIceFloes.var_type(name)
+        assert grid.field_units(name, at="node") == SeaIceFloes.var_units(name)
+
+
+def test_it_is_made_from_a_file_of_parameters(tmp_path):
+    path = tmp_path / "ice.yaml"
+    path.write_text("concentration: 0.3\nsizes: [300., 400.]\nseed: 2\n")
+    ice = SeaIceFloes.from_path(RasterModelGrid((9, 10), xy_spacing=1000.0), str(path))
+    assert len(ice.model.floes) > 10
 
 
 def test_the_examples_of_the_docstring_hold():
@@ -370,14 +401,26 @@ def test_a_failed_step_is_one_line_leaves_all_as_it_was_and_saves_the_state(tmp_
     def opened():
         grid.status_at_node[44] = grid.BC_NODE_IS_CORE
 
+    close = ice._books.close
+
+    def dies():
+        def fails(*args):
+            raise MemoryError("node lost\nand a long story")
+
+        ice._books.close = fails
+
+    def revived():
+        ice._books.close = close
+
     for spoil, mend, dt, text in (
         (nan, mended, 60.0, f"{U}: nan at node 33 at t = 60 s: must be finite"),
         (closed, opened, 60.0, "boundary status of the grid are not what they were"),
         (lambda: None, lambda: None, -60.0, "dt = -60.0 s: must be at least 0"),
         (lambda: None, lambda: None, np.nan, "dt = nan s: must be at least 0"),
+        (dies, revived, 60.0, "node lost; floes at 60 s"),  # when the ice has moved
     ):
         spoil()
-        with pytest.raises(InputError, match=text) as caught:
+        with pytest.raises((InputError, RuntimeError), match=text) as caught:
             ice.run_one_step(dt)
         assert str(caught.value).endswith(
             f"floes at 60 s, their state saved in {tmp_path / 'rescue.nc'}"
