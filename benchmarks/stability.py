@@ -146,7 +146,7 @@ def draw(rates: dict[tuple[str, str, str], np.ndarray], path: Path) -> None:
         axis.set_ylim(-3e-3, 2.0)
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("growth of kinetic energy per step")
-    axes[0].text(0.99, 0.02, "predicted limit", rotation=90, ha="right", va="bottom", fontsize=8,
+    axes[0].text(0.99, 0.97, "predicted limit", rotation=90, ha="right", va="top", fontsize=8,
                  transform=axes[0].get_xaxis_transform())  # fmt: skip
     handles = [Line2D([], [], color=color, label=law) for law, color in colors.items()]
     handles += [
