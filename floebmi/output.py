@@ -16,9 +16,11 @@ ice, floes that have left or have not yet come.
 
 import contextlib
 import datetime
+import errno
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -61,11 +63,50 @@ class _Place(NamedTuple):
     attributes: dict[str, str]
 
 
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """NetCDF says `HDF error` for a full disk: OSError with the file's name instead."""
+    try:
+        yield
+    except RuntimeError as error:
+        text = f"could not be written ({error}): is the disk full?"
+        raise OSError(errno.EIO, text, str(path)) from error
+
+
+@contextlib.contextmanager
+def _in_one_go(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A name to write a file under, which takes its own name when it is whole.
+
+    Another process may be making the same file: it has a name of its own, and the second to be whole does not
+    replace the first unasked.
+    """
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        if overwrite:
+            os.replace(part, path)
+        else:
+            _rename(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _rename(part: Path, path: Path) -> None:
+    """As os.replace, but a file that is there stays."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        text = f"{path}: another run has made it meanwhile; choose another name"
+        raise InputError(text) from None
+    except OSError:  # a file system without links
+        os.replace(part, path)
+
+
 class _GrowingFile:
     """A NetCDF file that is whole after its first frame and after each further one."""
 
     def __init__(self, path: str | Path, overwrite: bool) -> None:
-        self.path = Path(path)
+        self.path, self._overwrite = Path(path), overwrite
         self._data: Dataset | None = None
         self._count = 0
         self._last = -np.inf
@@ -74,16 +115,27 @@ class _GrowingFile:
 
     def close(self) -> None:
         """Close the file; nothing can be written afterwards."""
-        if self._data is not None:
-            self._data.close()
-            self._data = None
-        self._closed = True
+        data, self._data, self._closed = self._data, None, True
+        if data is not None:
+            with _told(self.path):
+                data.close()
+
+    def _check_room(self) -> None:
+        """Raise OSError if the disk has no room for a frame, while the frames so far are whole.
+
+        HDF5 leaves a file that nobody can open if the disk is full in the middle of a frame.
+        """
+        size = self.path.stat().st_size
+        self._most, self._size = max(self._most, 2 * (size - self._size)), size
+        if shutil.disk_usage(self.path.parent).free < self._most:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        with contextlib.suppress(*[OSError] * (error[0] is not None)):  # the first error tells more
+            self.close()
 
     @contextlib.contextmanager
     def _frame(self, time: float) -> Iterator[tuple["Dataset", int]]:
@@ -94,18 +146,16 @@ class _GrowingFile:
             raise InputError(f"{self.path}: already closed; make a new writer to write more")
         if not time > self._last:
             raise InputError(f"{self.path}: frame at {time} s, but the last is at {self._last} s")
-        if self._data is None:
-            part = self.path.with_name(self.path.name + ".part")
-            try:
-                with Dataset(part, "w") as data:
+        with _told(self.path):
+            if self._data is None:
+                with _in_one_go(self.path, self._overwrite) as part, Dataset(part, "w") as data:
                     yield data, 0
-                os.replace(part, self.path)
-            finally:
-                part.unlink(missing_ok=True)
-            self._data = Dataset(self.path, "a")
-        else:
-            yield self._data, self._count
-            self._data.sync()
+                self._size = self._most = self.path.stat().st_size
+                self._data = Dataset(self.path, "a")
+            else:
+                self._check_room()
+                yield self._data, self._count
+                self._data.sync()
         self._count += 1
         self._last = time
 
@@ -349,6 +399,25 @@ def _check_target(path: Path, overwrite: bool) -> None:
         raise InputError(f"{path}: is a folder; give the name of a file")
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another name or overwrite=True")
+    if path.exists():
+        _refuse_if_being_written(path)
+
+
+def _refuse_if_being_written(path: Path) -> None:
+    """HDF5 locks a file that another run writes: it must not be replaced, not even by force."""
+    try:
+        import fcntl
+    except ImportError:  # where a file that is open cannot be replaced anyway
+        return
+    with open(path, "rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            text = f"{path}: another run is writing it; choose another name"
+            raise InputError(text) from None
+        except OSError:  # a file system without locks
+            return
+        fcntl.flock(file, fcntl.LOCK_UN)
 
 
 def _global_attributes(
@@ -845,8 +914,7 @@ def save_restart(
     flat = dict(_flatten(state, ()))
     packed = {name: _pack(name, value) for name, value in flat.items()}
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
-    part = path.with_name(path.name + ".part")
-    try:
+    with _told(path), _in_one_go(path, overwrite=True) as part:
         with Dataset(part, "w") as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)
@@ -855,9 +923,6 @@ def save_restart(
                 _write_entry(data, name, kind, array)
         with open(part, "rb") as file:
             os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from floebmi.model import Fluid, Model
 
 DAY = 86400.0
+SAVED_EVERY = 60.0  # seconds on the clock between states saved while a run goes on
 
 
 class WallTime(NamedTuple):
@@ -136,7 +137,8 @@ def run(
     exchange : between exchanges of momentum with the fluids [s]; default: `every`
     every : between frames [s]; default: a twentieth of the duration
     gridded, trajectories : NetCDF files to make, see `output`
-    restart : file for the state at the end, or at the last exchange of a run that was cut short
+    restart : file for the state at the end, or at the last exchange of a run that was cut short; also saved
+        with a frame once a minute, for a run that is killed
     attributes, reference, calendar, projection, land : see `output.GriddedWriter`
     overwrite : whether files may be replaced
     progress : show a meter
@@ -160,6 +162,8 @@ def run(
     >>> model.floes.x
     array([60.])
     """
+    from floebmi.output import save_restart
+
     total = _positive("duration", duration)
     every = total / 20 if every is None else _positive("every", every)
     exchange = every if exchange is None else _positive("exchange", exchange)
@@ -178,7 +182,7 @@ def run(
     clock = _Stopwatch()
     files = [Path(path) for path in (gridded, trajectories) if path is not None]
     finished, first_steps = True, None
-    kept = model.state()
+    kept, saved = model.state(), time.monotonic()
     with contextlib.ExitStack() as stack:
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(
@@ -212,6 +216,9 @@ def run(
                     with clock.of("output"):
                         drive.fill(model.time)
                         write()
+                        if restart is not None and time.monotonic() - saved >= SAVED_EVERY:
+                            save_restart(restart, kept, attributes)
+                            saved = time.monotonic()
                 meter.update(model)
                 if interrupted and target < end:
                     finished = False
@@ -220,8 +227,6 @@ def run(
             _save(restart, kept, attributes, error)
             raise
     if restart is not None:
-        from floebmi.output import save_restart
-
         with clock.of("output"):
             save_restart(restart, kept, attributes)
         files.append(Path(restart))
@@ -340,7 +345,7 @@ class _Frames:
         at: TracebackType | None,
     ) -> None:
         for writer in self._writers:
-            writer.close()
+            writer.__exit__(kind, error, at)
 
 
 class _Stopwatch:

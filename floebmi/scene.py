@@ -478,7 +478,7 @@ class FluidTable(Table):
         if self.velocity is not None and self.file is not None:
             raise InputError("velocity and file exclude each other; give one")
         if self.file is None:
-            idle = self.model_fields_set - {"velocity", "drag", "grid"}
+            idle = self.model_fields_set - {"velocity", "drag", "grid", "layer_thickness"}
             if idle:
                 raise InputError(f"{min(idle)} is about a file: give file, or leave it out")
         return self

@@ -203,3 +203,26 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
 def test_walls_and_inflows_that_cannot_be_are_refused(laws, word):
     with pytest.raises(InputError, match=word):
         Model(box(), Floes(50.0, 50.0, 1.0, 1.0), **({"contact": Contact()} | laws))
+
+
+def test_far_from_the_origin_walls_contacts_and_restarts_are_where_they_belong():
+    def scene():
+        domain = Domain((3e6, 3e6 + 100.0), (-2e6, -2e6 + 100.0), *["closed"] * 4)
+        floes = Floes(3e6 + np.array([20.0, 39.7]), -2e6 + 50.0, 10.0, 1.0, u=[0.1, -0.13])
+        return Model(domain, floes, contact=frictional())
+
+    model = scene()
+    places = dict(zip(model.wall_edges, model.wall_positions, strict=True))
+    assert places == {"west": 3e6, "east": 3e6 + 100.0, "south": -2e6, "north": -2e6 + 100.0}
+    contacts = model.contacts()
+    assert (contacts.x[0] - 3e6, contacts.y[0] + 2e6) == pytest.approx((29.85, 50.0))
+    model.floes.add(3e6 + 80.0, -2e6 + 50.0, 5.0, 1.0)
+    model.advance(7.3)
+    half = scene()
+    half.floes.add(3e6 + 80.0, -2e6 + 50.0, 5.0, 1.0)
+    half.restore(model.state())
+    for each in (model, half):
+        each.advance(50.0)
+    assert np.array_equal(half.floes.x, model.floes.x)
+    assert np.array_equal(half.floes.u, model.floes.u)
+    assert (model.floes.x > 3e6).all() and (model.floes.x < 3e6 + 100.0).all()

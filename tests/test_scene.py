@@ -573,3 +573,11 @@ def test_every_key_of_a_scene_is_described():
     rows = list(keys(Scene))
     assert len(rows) > 100
     assert [f"{table}.{key}" for table, key, _, text in rows if not text] == []
+
+
+def test_a_scene_tells_the_thickness_of_the_hosts_layer():
+    model = read_scene("periodic-box", ["ocean.layer_thickness=5"]).build().model
+    assert model.ocean.layer_thickness == 5.0
+    assert read_scene("periodic-box").build().model.ocean.layer_thickness is None
+    with pytest.raises(InputError, match="layer_thickness=0: must be greater than 0"):
+        read_scene("periodic-box", ["ocean.layer_thickness=0"])
