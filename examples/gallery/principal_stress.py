@@ -18,8 +18,8 @@ domain = fb.Domain((0, 600), (0, 420), "closed", "closed", "closed")
 floes = fb.scatter(domain._replace(y=(0, 400)), fb.PowerLaw(8, 25), concentration=0.84, seed=1)
 law = fb.frictional()._replace(dashpot=fb.Restitution(0.3))
 grid = fb.Grid.uniform(domain.x, domain.y, spacing=60.0)
-walls = [fb.Wall("north", position=400.0, normal_stress=20e3)]
-model = fb.Model(domain, floes, law, grid=grid, walls=walls)
+wall = fb.Wall("north", 400.0, normal_stress=20e3)
+model = fb.Model(domain, floes, law, grid=grid, walls=[wall])
 fb.run(model, 60.0)
 one, fields = model.contacts(), model.fields()
 start, wide = np.c_[floes.x[one.i], floes.y[one.i]], np.hypot(one.fx, one.fy)
@@ -31,11 +31,10 @@ with matplotlib.rc_context(style()):
     for x, y, radius in zip(floes.x, floes.y, floes.radius, strict=True):
         axes.add_patch(matplotlib.patches.Circle((x, y), radius, fc="white", ec="0.75"))
     axes.add_collection(LineCollection(chains, linewidths=4 * wide / wide.max(), colors="C1"))
-    for k in range(2):
-        arm = size[:, k, None] * turned[:, :, k] / 1600
+    for arm in np.moveaxis(size[:, None] * turned / 1600, -1, 0):
         ends = [np.c_[grid.x, grid.y] + way * arm for way in (-1, 1)]
         axes.add_collection(LineCollection(np.stack(ends, axis=1), colors=INK))
     axes.set(xlim=domain.x, ylim=domain.y, aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.set_title("Principal stress: an arm as long as 25 m is 20 kPa")
-measured = float(-yy.reshape(grid.shape)[1:-1].mean() / 1e3)  # thickness 1 m [kPa]
+measured = float(-yy.reshape(grid.shape)[1:-1].mean() / 1e3)  # thickness 1 m
 print(f"pressure along y in the pack: {measured:.1f} kPa")
