@@ -1,7 +1,7 @@
 """The documentation site: python -m sphinx -W -b html docs docs/_build"""
 
 import inspect
-import os
+import re
 import sys
 import warnings
 from importlib.util import find_spec
@@ -25,7 +25,6 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
-    "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build"]
@@ -39,7 +38,8 @@ autodoc_mock_imports = [
     name for name in ("landlab", "veros", "yac", "grpc4bmi") if find_spec(name) is None
 ]
 autodoc_typehints = "none"  # the docstrings say shapes and units
-napoleon_google_docstring = False
+suppress_warnings = ["config.cache"]  # the gallery takes a function
+default_role = "code"  # docstrings quote code as `this`
 
 
 # ---- the gallery --------------------------------------------------------------------------------
@@ -138,4 +138,46 @@ def write_pages():
 
 
 write_pages()
-os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+# ---- docstrings -----------------------------------------------------------------------------------
+
+SECTIONS = {"Parameters", "Attributes", "Returns", "Raises", "Warns", "Examples", "Notes"}
+BAR, ESCAPED = re.compile(r"\|(?=(?:[^`]*`[^`]*`)*[^`]*$)"), r"\\|"  # outside `code`
+DEFINED = re.compile(r"(\w[\w, *()]*) : (.+)")
+
+
+def sections(app, what, name, obj, options, lines):
+    """NumPy's sections as reStructuredText, with `name : what it is, and its unit` as a definition."""
+    made, section = [], None
+    for k, line in enumerate(lines):
+        below = lines[k + 1] if k + 1 < len(lines) else ""
+        if line in SECTIONS and below and set(below) == {"-"}:
+            section = line
+            made += ["", f".. rubric:: {line}", ""]
+        elif line and set(line) == {"-"} and lines[k - 1] in SECTIONS:
+            continue
+        elif section in ("Parameters", "Attributes") and (found := DEFINED.match(line)):
+            made += [f"``{found[1]}``", f"    {BAR.sub(ESCAPED, found[2])}"]
+        else:
+            made.append(line if line.lstrip().startswith(">>>") else BAR.sub(ESCAPED, line))
+    lines[:] = _formulas(made) if what == "module" else made
+
+
+def _formulas(lines):
+    """Indented lines of a module's docstring stand as they are; a list item's go on with it."""
+    made, apart = [], False
+    for line in lines:
+        before = next((one for one in reversed(made) if one), "")
+        indented = line.startswith("    ")
+        if indented and not apart:
+            made += ["", "::", ""]
+        elif apart and line and not indented:
+            made.append("")
+        apart = indented or (apart and not line and before.startswith("    "))
+        made.append(line.replace("\\|", "|") if indented else line)
+    return made
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", sections)
