@@ -63,13 +63,13 @@ def _dials(scene: "Scene") -> list[tuple[str, str]]:
     data = tradeoff.result(scene)
     if data is None:
         return []
-    of, base = data.attrs["of"], float(data.wall_per_day.sel(setting=""))
+    of, base = data.attrs["of"], float(data.cost_per_day.sel(setting=""))
     errors = data.error.sel(quantity=of)
-    order = data.setting.values[np.argsort(data.wall_per_day.values)]
+    order = data.setting.values[np.argsort(data.cost_per_day.values)]
     return [
         (
             str(s) or tradeoff.AS_IT_IS,
-            f"{base / float(data.wall_per_day.sel(setting=s)):.3g} × the speed, "
+            f"{base / float(data.cost_per_day.sel(setting=s)):.3g} × the speed, "
             f"error of {of} {float(errors.sel(setting=s)):.2g}",
         )
         for s in order

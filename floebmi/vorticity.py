@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from floebmi.grid import Grid
+from floebmi.kernels import jit
 
 
 def gradient_operators(grid: Grid) -> tuple[sparse.csr_array, sparse.csr_array]:
@@ -44,12 +45,50 @@ def gradient_operators(grid: Grid) -> tuple[sparse.csr_array, sparse.csr_array]:
     return operators[0], operators[1]
 
 
+def _uniform(grid: Grid) -> np.ndarray:
+    """Cells of a uniform grid whose eight neighbours are there and wet, (size,) bool."""
+    inner = np.zeros(grid.shape, bool)
+    if grid.kind == "uniform_rectilinear":
+        wet = np.pad(grid.wet.reshape(grid.shape), 1)
+        ny, nx = grid.shape
+        inner = np.logical_and.reduce(
+            [wet[j : j + ny, i : i + nx] for j in range(3) for i in range(3)]
+        )
+    return inner.ravel()
+
+
+@jit
+def _differences(cell, nx, ax, bx, ay, by, u, v, out):
+    """Curl where the fit is symmetric: weights a of the cells beside, b of those across a corner."""
+    for k in range(cell.size):
+        c = cell[k]
+        n, s = c + nx, c - nx
+        v_x = ax * (v[c + 1] - v[c - 1]) + bx * (v[n + 1] - v[n - 1] + v[s + 1] - v[s - 1])
+        u_y = ay * (u[n] - u[s]) + by * (u[n + 1] - u[s + 1] + u[n - 1] - u[s - 1])
+        out[c] = v_x - u_y
+
+
 class Vorticity:
-    """Curl of a velocity on a grid; the operators are made once."""
+    """Curl of a velocity on a grid; the operators are made once.
+
+    Within a uniform grid all rows of an operator are the same few numbers, and are not read from memory.
+    """
 
     def __init__(self, grid: Grid) -> None:
-        self.along_x, self.along_y = gradient_operators(grid)
+        along_x, along_y = gradient_operators(grid)
+        inner = _uniform(grid)
+        self.inner, self.rest = np.flatnonzero(inner), np.flatnonzero(~inner)
+        self.along_x, self.along_y = along_x[self.rest], along_y[self.rest]
+        if len(self.inner):
+            c, nx = self.inner[0], grid.shape[1]
+            self.weights = (
+                nx, along_x[c, c + 1], along_x[c, c + nx + 1], along_y[c, c + nx], along_y[c, c + nx + 1]
+            )  # fmt: skip
 
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """∂v/∂x − ∂u/∂y [1/s], shape (size,), counter-clockwise positive; dry cells are not read."""
-        return self.along_x @ v - self.along_y @ u
+        out = np.empty(u.size)
+        out[self.rest] = self.along_x @ v - self.along_y @ u
+        if len(self.inner):
+            _differences(self.inner, *self.weights, u, v, out)
+        return out

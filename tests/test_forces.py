@@ -25,6 +25,7 @@ from floebmi.forces import (
 )
 from floebmi.grid import Grid
 from floebmi.model import Model
+from floebmi.vorticity import Vorticity, gradient_operators
 
 DOMAIN = Domain((-1e6, 1e6), (-1e6, 1e6))
 
@@ -231,3 +232,15 @@ def test_forces_that_cannot_be_right_are_refused(forces, word):
 
 def test_a_numpy_number_is_a_number():
     one(forces=[OceanDrag(density=np.int64(1000)), Coriolis(np.float32(1e-4))])
+
+
+def test_the_short_cut_within_a_uniform_grid_gives_the_fit_of_all_neighbours():
+    wet = np.random.default_rng(4).random((12, 15)) > 0.05
+    grid = Grid.uniform((0.0, 3000.0), (0.0, 1200.0), shape=wet.shape, wet=wet)
+    along_x, along_y = gradient_operators(grid)
+    u, v = np.random.default_rng(5).normal(size=(2, grid.size))
+    curl = Vorticity(grid)
+    assert 20 < len(curl.inner) < grid.size - 20
+    assert curl(u, v) == pytest.approx(along_x @ v - along_y @ u, abs=1e-15)
+    u[~grid.wet] = np.nan
+    assert np.isfinite(curl(u, v)).all()

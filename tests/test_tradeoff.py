@@ -114,7 +114,7 @@ def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
         {
             "error": (("setting", "quantity"), np.reshape(errors, (3, 1))),
             "noise": (("setting", "quantity"), np.full((3, 1), noise)),
-            "wall_per_day": ("setting", list(cost)),
+            "cost_per_day": ("setting", list(cost)),
         },
         coords={"setting": ["fast", "middle", "fine"], "quantity": ["drift"]},
         attrs={"of": "drift", "reference": "fine"},
