@@ -26,6 +26,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
     "sphinx_gallery.gen_gallery",
+    "sphinx-mathjax-offline",  # formulas without a network, too
 ]
 exclude_patterns = ["_build"]
 html_theme = "furo"
@@ -37,6 +38,7 @@ myst_heading_anchors = 3
 autodoc_mock_imports = [
     name for name in ("landlab", "veros", "yac", "grpc4bmi") if find_spec(name) is None
 ]
+autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # the docstrings say shapes and units
 suppress_warnings = ["config.cache"]  # the gallery takes a function
 default_role = "code"  # docstrings quote code as `this`
@@ -68,7 +70,7 @@ sphinx_gallery_conf = {
     "reset_modules": (),
     "show_memory": False,
     "show_signature": False,
-    "min_reported_time": 1e9,
+    "write_computation_times": False,
     "download_all_examples": False,
     "remove_config_comments": True,
 }
@@ -83,7 +85,7 @@ def keys_page():
         "# Keys of a scene file",
         "",
         "Made from the declarations that read the file; `floebmi scene --keys` prints the same. SI units (m, s, m/s, Pa,"
-        " kg/m³), angles on the globe in degrees. `{}` stands for a table.",
+        " kg/m³), angles on the globe in degrees. A key without a default is left out of the model where it is not given.",
     ]
     above = None
     for table, key, default, text in tables.keys(scene.Scene):
