@@ -56,7 +56,14 @@ class Coulomb(NamedTuple):
 
 
 class Damsgaard2018Coulomb(NamedTuple):
-    """`Coulomb` as the paper ran it: both lever arms are R_ij, the harmonic mean radius."""
+    """`Coulomb` as the paper ran it: both lever arms are R_ij, the harmonic mean radius.
+
+    Parameters
+    ----------
+    coefficient : friction coefficient μ [1]
+    poisson_ratio : ν [1], sets k_t/k_n
+    spread : standard deviation of μ among floes, over μ [1] (eq. spread); else all are alike
+    """
 
     coefficient: NonNegative = 0.3
     poisson_ratio: PoissonRatio = 0.185
@@ -111,7 +118,15 @@ def frictional(
     poisson_ratio: float = 0.185,
     restitution: float | None = None,
 ) -> Contact:
-    """The paper's frictional model: elasticity, Coulomb friction, rotation; no bonds."""
+    """The paper's frictional model: elasticity, Coulomb friction, rotation; no bonds.
+
+    Parameters
+    ----------
+    friction : friction coefficient μ [1]
+    youngs_modulus : E [Pa]
+    poisson_ratio : ν [1], sets k_t/k_n
+    restitution : e [1], rebound speed over impact speed of two free floes; else there is no dashpot
+    """
     return Contact(
         Elastic(youngs_modulus),
         friction=Coulomb(friction, poisson_ratio),
@@ -124,7 +139,14 @@ def cohesive(
     youngs_modulus: float = 2.0e7,
     restitution: float | None = None,
 ) -> Contact:
-    """The paper's cohesive model: elasticity and bonds; no friction, no rotation."""
+    """The paper's cohesive model: elasticity and bonds; no friction, no rotation.
+
+    Parameters
+    ----------
+    tensile_strength : σ_c [Pa]
+    youngs_modulus : E [Pa]
+    restitution : e [1], rebound speed over impact speed of two free floes; else there is no dashpot
+    """
     return Contact(
         Elastic(youngs_modulus),
         bonds=TensileStrength(tensile_strength),

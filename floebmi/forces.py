@@ -78,7 +78,12 @@ class Tilt(NamedTuple):
 
 
 class BodyForce(NamedTuple):
-    """A uniform acceleration [m/s²] (eq. body-force)."""
+    """A uniform acceleration (eq. body-force).
+
+    Parameters
+    ----------
+    x, y : acceleration along x and y [m/s²]
+    """
 
     x: float = 0.0
     y: float = 0.0

@@ -65,7 +65,12 @@ class PowerLaw(NamedTuple):
 
 
 class UniformSize(NamedTuple):
-    """All radii between two bounds [m] are equally likely."""
+    """All radii between two bounds are equally likely.
+
+    Parameters
+    ----------
+    radius_min, radius_max : the bounds [m]
+    """
 
     radius_min: Positive
     radius_max: Positive
@@ -86,7 +91,12 @@ class UniformSize(NamedTuple):
 
 
 class SingleSize(NamedTuple):
-    """All floes have one radius [m]."""
+    """All floes have one radius.
+
+    Parameters
+    ----------
+    radius : [m]
+    """
 
     radius: Positive
 

@@ -1,0 +1,148 @@
+"""The documentation is whole and true: its code runs, nothing public is left out, no link leads nowhere."""
+
+import inspect
+import re
+import runpy
+import shlex
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import floebmi
+from floebmi import forces, sizes
+from floebmi.bonds import TensileStrength
+from floebmi.cli import floebmi as program
+from floebmi.contact import Contact, Dashpot
+from floebmi.scene import Scene
+from floebmi.tables import keys, parameter_texts
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")],
+    key=lambda path: path.relative_to(ROOT),
+)
+PAGES = [path for path in PAGES if not {"_build", "gallery", "made"} & set(path.parts)]
+FENCE = re.compile(r"^([^\n]*)\n\n```(\w*)\n(.*?)^```$", re.S | re.M)
+WALKED = ["getting-started", "howto/forcing", "howto/floes-and-coast", "howto/restart", "howto/ensembles"]  # fmt: skip
+
+
+def name(path):
+    return str(path.relative_to(ROOT))
+
+
+# ---- what a page tells the reader to do ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", WALKED)
+def test_what_a_page_tells_the_reader_to_write_and_run_works(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    ran = 0
+    for above, kind, text in FENCE.findall((DOCS / f"{page}.md").read_text(encoding="utf-8")):
+        if (file := re.search(r"`(\w+\.\w+)`", above)) and above.endswith(":"):
+            Path(file[1]).write_text(text, encoding="utf-8")
+        elif kind == "python":
+            Path("script.py").write_text(text, encoding="utf-8")
+            runpy.run_path("script.py", run_name="__main__")
+            ran += 1
+        elif not kind:
+            for line in text.splitlines():
+                if line.startswith("floebmi "):
+                    done = CliRunner().invoke(program, shlex.split(line, comments=True)[1:])
+                    assert done.exit_code == 0, f"{line}: {done.output}"
+                    ran += 1
+    assert ran >= 1
+
+
+# ---- nothing is left out -----------------------------------------------------------------------
+
+
+def test_every_public_name_is_in_the_reference():
+    told = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
+    for one in set(floebmi.__all__) - {"__version__"}:
+        assert re.search(rf"\.{one}$", told, re.M), one
+
+
+def laws():
+    """Every law that a model takes."""
+    found = [*get_args(forces.Force), *get_args(sizes.Sizes)]
+    for part in (Contact, TensileStrength):
+        for hint in get_type_hints(part).values():
+            found += [one for one in get_args(hint) or [hint] if hasattr(one, "_fields")]
+    made = {Dashpot, sizes.Empirical}  # by the model, out of others
+    return sorted(set(found) - made, key=lambda law: law.__name__)
+
+
+def test_the_laws_are_found():
+    assert {"OceanDrag", "Coulomb", "Beam", "Healing", "CompressiveFailure", "PowerLaw"} <= {
+        law.__name__ for law in laws()
+    }
+
+
+@pytest.mark.parametrize("law", laws(), ids=lambda law: law.__name__)
+def test_every_law_says_what_its_numbers_are(law):
+    assert inspect.getdoc(law)
+    for one in law._fields:
+        assert parameter_texts(law).get(one), one
+
+
+def test_every_key_of_a_scene_is_explained():
+    for table, key, _, text in keys(Scene):
+        assert text, f"[{table}] {key}"
+
+
+def commands(command=program, path="floebmi"):
+    yield path, command
+    if isinstance(command, click.Group):
+        for word, inner in command.commands.items():
+            yield from commands(inner, f"{path} {word}")
+
+
+@pytest.mark.parametrize("path, command", list(commands()), ids=lambda one: one if isinstance(one, str) else "")  # fmt: skip
+def test_every_command_and_option_says_what_it_does_and_is_in_the_readme(path, command):
+    assert command.help
+    for option in command.params:
+        assert not isinstance(option, click.Option) or option.help, option.name
+    words = path.split()
+    if len(words) == 2:
+        assert re.search(rf"`{path}\b", (ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+def test_every_example_and_every_page_is_reached():
+    told = "".join(path.read_text(encoding="utf-8") for path in PAGES)
+    for script in (ROOT / "examples").glob("*.py"):
+        assert f"examples/{script.name}" in told
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    for page in PAGES:
+        if page.is_relative_to(DOCS) and page.name != "index.md":
+            assert re.search(rf"^{page.relative_to(DOCS).with_suffix('')}$", index, re.M), page
+
+
+# ---- links -----------------------------------------------------------------------------------------
+
+
+def anchors(page):
+    """The anchors of a page's headings, as GitHub and MyST make them."""
+    heads = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_relative_links_lead_somewhere(page):
+    prose = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+        if re.match(r"\w+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        to = page.parent / path if path else page
+        if to.parts[-2:] == ("gallery", "index.rst"):  # made with the site
+            to = ROOT / "examples" / "gallery" / "GALLERY_HEADER.rst"
+        if to.parent.name == "made":  # too
+            assert to.stem in (DOCS / "conf.py").read_text(encoding="utf-8"), target
+            continue
+        assert to.exists(), target
+        assert not anchor or anchor in anchors(to), target

@@ -1,0 +1,72 @@
+"""Each script of the gallery is short, runs, draws, and measures what it did before.
+
+The number is `measured`, the pictures are the matplotlib figures that the script leaves behind.
+"""
+
+import runpy
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+GALLERY = Path(__file__).parents[1] / "examples" / "gallery"
+LONGEST = 40  # lines
+
+# (what it measured, relative tolerance): tight where theory gives the number, wider where a pack is chaotic
+# and another processor may round otherwise
+QUICK = {
+    "two_floes": (0.448, 1e-2),  # °/s
+    "hexagonal_pack": (20.0, 1e-3),  # kPa, the wall's
+    "principal_stress": (20.0, 5e-2),  # kPa, the wall's
+    "size_distribution": (-1.8, 3e-2),  # the law's exponent
+}
+LONG = {
+    "shear": (0.27, 0.15),
+    "strait": ({"friction 0.3": 50.0, "bonds of 400 kPa": 0.0}, 0.3),  # Mt
+    "labrador_sea": (7.68, 2e-2),  # cm/s
+    "drift_29_days": (1.1, 0.5),  # km, of a track of 170 km
+    "accuracy_cost": (0.068, 0.3),
+    "landlab_eddy": (0.6 * 19**2, 2e-3),  # km²: all the ice that was asked for
+}
+
+
+def check(name, expected, tolerance):
+    script = GALLERY / f"{name}.py"
+    assert len(script.read_text(encoding="utf-8").splitlines()) <= LONGEST
+    left = runpy.run_path(str(script))
+    assert left["measured"] == pytest.approx(expected, rel=tolerance)
+    figures = [one for one in left.values() if isinstance(one, Figure)]
+    assert figures
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        assert np.ptp(np.asarray(canvas.buffer_rgba())[:, :, :3]) > 100
+        for axes in figure.axes:
+            if axes.get_xlabel():
+                assert "[" in axes.get_xlabel() and "[" in axes.get_ylabel()
+
+
+def test_every_script_of_the_gallery_has_its_number():
+    assert {path.stem for path in GALLERY.glob("*.py")} == {*QUICK, *LONG, "ledger"}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_quick_script_of_the_gallery_gives_its_number(name):
+    check(name, *QUICK[name])
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:ice not placed")
+@pytest.mark.parametrize("name", LONG)
+def test_a_script_of_the_gallery_gives_its_number(name):
+    if name == "landlab_eddy" and find_spec("landlab") is None:
+        pytest.skip("needs landlab")
+    check(name, *LONG[name])
+
+
+@pytest.mark.long
+def test_the_ledger_of_the_gallery_leaves_little_energy_unexplained():
+    assert runpy.run_path(str(GALLERY / "ledger.py"))["measured"] < 2e-4
