@@ -33,7 +33,9 @@ with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
     axes = figure.subplots()
     for name in error:
         axes.semilogy(runs[name]["cost_per_day"], error[name], "o", label=name)
-    axes.set(xlabel="time of a processor for a simulated day [s]", ylabel="error of ice transport [1]")
+    axes.set(
+        xlabel="time of a processor for a simulated day [s]", ylabel="error of ice transport [1]"
+    )
     figure.legend(loc="outside right upper")
 measured = float(error["soft ice"])
 print(f"error with soft ice: {measured:.0%}")
