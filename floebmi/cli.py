@@ -272,13 +272,13 @@ def _as_accurate(
 ) -> "Scene":
     """The scene with the setting that a stored result recommends; what is set by hand comes last."""
     from floebmi.scene import read_scene
-    from floebmi.tradeoff import AS_IT_IS, chosen
+    from floebmi.tradeoff import chosen, result, words
 
-    changes = chosen(read_scene(scene), accuracy).split()
+    plain = read_scene(scene)
+    setting = chosen(plain, accuracy)
     if not quiet:
-        told = " ".join(f"--set {change}" for change in changes) or AS_IT_IS
-        click.echo(f"accuracy {accuracy:g}: {told}")
-    return read_scene(scene, (*changes, *overrides))
+        click.echo(f"accuracy {accuracy:g}: {words(result(plain), setting)}")
+    return read_scene(scene, (*setting.split(), *overrides))
 
 
 def _wants_gridded(scene: "Scene") -> bool:
@@ -393,8 +393,7 @@ def tradeoff(
         if best is None:
             click.echo(f"no setting has an error of {of} below {error:g}")
         else:
-            told = " ".join(f"--set {change}" for change in best.split()) or trade.AS_IT_IS
-            click.echo(f"for an error of {of} below {error:g}: {told}")
+            click.echo(f"for an error of {of} below {error:g}: {trade.words(made.data, best)}")
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:
         _fail(f"{len(made.failures)} runs failed; the same command runs them again", 3)

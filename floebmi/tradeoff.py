@@ -440,6 +440,19 @@ def recommended(data: "xr.Dataset", error: float) -> str | None:
     return min(good, key=lambda s: float(cost.sel(setting=s))) if good else None
 
 
+def words(data: "xr.Dataset", setting: str) -> str:
+    """A setting as options, its error, and how well that is known."""
+    of = data.attrs["of"]
+    one = data.sel(setting=setting, quantity=of)
+    told = " ".join(f"--set {change}" for change in setting.split()) or AS_IT_IS
+    noise = (
+        f", which {data.attrs['seeds']} seeds know to ± {float(one.noise):.1g}"
+        if one.noise > 0
+        else ""
+    )
+    return f"{told} (error of {of} {float(one.error):.2g}{noise})"
+
+
 def front(data: "xr.Dataset") -> list[str]:
     """Settings that no other beats in both cost and error, the fastest first."""
     errors, found, least = data.error.sel(quantity=data.attrs["of"]), [], np.inf
