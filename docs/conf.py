@@ -60,12 +60,17 @@ def pictures(block, block_vars, gallery_conf):
     return figure_rst(paths, gallery_conf["src_dir"])
 
 
+ORDER = (
+    "two_floes", "hexagonal_pack", "principal_stress", "shear", "strait", "labrador_sea", "drift_29_days",
+    "size_distribution", "ledger", "accuracy_cost", "landlab_eddy",
+)  # fmt: skip
 warnings.filterwarnings("ignore", "ice not placed")
 sphinx_gallery_conf = {
     "examples_dirs": str(ROOT / "examples" / "gallery"),
     "gallery_dirs": "gallery",
     "filename_pattern": r".*" if find_spec("landlab") else r"^((?!landlab).)*$",
     "image_scrapers": (pictures,),
+    "within_subsection_order": lambda folder: lambda name: ORDER.index(Path(name).stem),
     "capture_repr": (),
     "reset_modules": (),
     "show_memory": False,
