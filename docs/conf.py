@@ -13,6 +13,7 @@ sys.path.insert(0, str(ROOT))
 import click  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from sphinx_gallery.scrapers import figure_rst  # noqa: E402
+from sphinx_gallery.sorting import ExplicitOrder  # noqa: E402
 
 import floebmi  # noqa: E402
 from floebmi import cli, scene, tables, variables  # noqa: E402
@@ -70,7 +71,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "gallery",
     "filename_pattern": r".*" if find_spec("landlab") else r"^((?!landlab).)*$",
     "image_scrapers": (pictures,),
-    "within_subsection_order": lambda folder: lambda name: ORDER.index(Path(name).stem),
+    "within_subsection_order": ExplicitOrder([f"{name}.py" for name in ORDER]),
     "capture_repr": (),
     "reset_modules": (),
     "show_memory": False,
