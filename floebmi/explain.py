@@ -140,7 +140,7 @@ def _drives(table: object) -> str:
 def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
     """Degrees of freedom, step, memory, cost."""
     floes = model.floes
-    moving = int(np.count_nonzero(floes.active & (floes.motion != FIXED)))
+    moving = int(np.count_nonzero(floes.active & ~floes.land & (floes.motion != FIXED)))
     rows = [
         (
             "degrees of freedom",
@@ -199,7 +199,7 @@ def _step_text(model: "Model", exchange: float) -> str:
     if step.epsilon is not None:
         return f"{longest:.4g} s: Eq. 4 with ε = {step.epsilon:g} ({step.scheme})"
     floes = model.floes
-    ice = np.flatnonzero(floes.active & (floes.motion != FIXED))
+    ice = np.flatnonzero(floes.active & ~floes.land & (floes.motion != FIXED))
     smallest = ice[np.argmin(floes.radius[ice])]
     return (
         f"{longest:.4g} s at the start: {step.fraction:g} of the stability limit 2/ω_max, from the stiffness "

@@ -1,0 +1,151 @@
+"""How near the machine's limit the step is: `python -m benchmarks.limit [--floes 1000000]`.
+
+One core.  Memory: a triad a[i] = b[i] + s c[i] on arrays far larger than the cache gives the bandwidth, and the
+arrays that a step must read and write, each once, give the least that it moves.  Instructions: valgrind
+counts them, for two runs that differ in nothing but the number of steps, so that what is counted is steps
+alone; code is compiled for an old processor, two numbers to an instruction, which makes the counts the same on
+every machine that has the same numba.  A loop of multiply-adds in the nearest cache shows what arithmetic
+this core can do.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import time
+
+import numba
+import numpy as np
+
+import floebmi as fb
+
+LAWS = {
+    "frictional": (fb.frictional(), ()),
+    "frictional, ocean and air drag": (fb.frictional(), (fb.OceanDrag(), fb.AirDrag())),
+    "cohesive": (fb.cohesive(), ()),
+}
+PLAIN = {  # instructions of 2008: of later ones valgrind does not know all
+    "NUMBA_CPU_NAME": "nehalem",
+    "NUMBA_CPU_FEATURES": "",
+    "NUMBA_NUM_THREADS": "1",
+    "PYTHONHASHSEED": "0",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+COUNTED = 1_000, 100, 500  # floes, steps of the shorter run and of the longer one
+SLOW = 0.05  # [m/s]: floes that keep their list of neighbours all the while
+
+
+def pack(law: str, n: int, speed: float) -> fb.Model:
+    """The scene of benchmarks/engines.py, size ratio 2; slow floes need no new list of neighbours."""
+    contact, forces = LAWS[law]
+    sizes = fb.PowerLaw(1.0, 2.0, -1.8)
+    side = float(np.sqrt(n * sizes.mean_area() / 0.85))
+    domain = fb.Domain((0, side), (0, side), *["periodic"] * 4)
+    floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
+    floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0, speed, (2, len(floes)))
+    return fb.Model(domain, floes, contact, forces, step=fb.Step(length=1.5e-3))
+
+
+@numba.njit(fastmath=True)
+def triad(a, b, c, s):
+    for i in range(a.size):
+        a[i] = b[i] + s * c[i]
+
+
+@numba.njit(fastmath=True)
+def multiply_add(a, times):
+    for _ in range(times):
+        for i in range(a.size):
+            x = a[i]
+            a[i] = x * (0.5 + x * (0.25 - x * (0.125 + x * (0.0625 - x * 0.03125))))
+
+
+def seconds(work, *arguments, repeats: int = 15) -> float:
+    """Shortest time."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work(*arguments)
+        best = min(best, time.perf_counter() - start)
+    return best
+
+
+def bandwidth() -> float:
+    """Bytes per second of the triad, 24 a number (a cache that reads what it will overwrite moves 32)."""
+    a, b, c = np.zeros((3, 20_000_000))
+    return 24 * a.size / seconds(triad, a, b, c, 0.5)
+
+
+def run_counted(law: str, steps: int) -> None:
+    """What valgrind looks at: so many steps on one list of neighbours."""
+    model = pack(law, COUNTED[0], SLOW)
+    model.advance(steps * model.step.length)
+    if model.counters.rebuilds != 1:
+        raise SystemExit("the list was renewed: not steps alone")
+
+
+def instructions(law: str) -> float:
+    """Instructions of a floe-step of a law, list renewals and books left out."""
+    n, less, more = COUNTED
+    counts = []
+    for steps in (less, more):
+        command = [sys.executable, "-m", "benchmarks.limit", "--count", law, str(steps)]
+        if not counts:  # compiles, without valgrind
+            subprocess.run(command, env=os.environ | PLAIN, check=True)
+        watched = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", *command]
+        done = subprocess.run(watched, env=os.environ | PLAIN, capture_output=True, text=True)
+        found = re.search(r"Collected : (\d+)", done.stderr)
+        if done.returncode or not found:
+            raise RuntimeError(f"valgrind did not finish:\n{done.stderr[-2000:]}")
+        counts.append(int(found[1]))
+    return (counts[1] - counts[0]) / (more - less) / len(pack(law, n, SLOW).floes)
+
+
+def bytes_of_a_step(model: fb.Model) -> float:
+    """Bytes a floe that a step of the frictional pack moves at least: each array once each way."""
+    now = model._now()
+    p, pairs, n = now.packed, now.pairs, len(model.floes)
+    both = [p.floes, p.force, p.angle, pairs.slip]  # read and written
+    only = [p.inverse_x, p.inverse_y, p.inverse_spin, pairs.i, pairs.j]  # read
+    return (2 * sum(a.nbytes for a in both) + sum(a.nbytes for a in only)) / n
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--floes", type=int, default=1_000_000)
+    parser.add_argument("--count", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--instructions", action="store_true", help="count them (minutes)")
+    options = parser.parse_args()
+    if options.count:
+        run_counted(options.count[0], int(options.count[1]))
+        return
+    speed = bandwidth()
+    print(f"a triad moves {speed / 1e9:.1f} GB/s")
+    a = np.full(512, 0.1)
+    multiply_add(a, 1)
+    spent = seconds(multiply_add, a, 20_000) / 20_000
+    print(f"multiply-adds in the nearest cache: {10 * a.size / spent / 1e9:.1f} Gflop/s")
+    for n in dict.fromkeys((10_000, options.floes)):
+        model = pack("frictional", n, 0.5)
+        steps = max(60, 2_000_000 // n)
+        duration = steps * model.step.length
+        model.advance(0.2 * duration)  # compiles
+        spent = seconds(model.advance, duration, repeats=3) / steps
+        now, moved = model._now(), bytes_of_a_step(model)
+        touch = seconds(now._touch, model.step.length)
+        renewal = seconds(now._list, model._state.memory, None, np.arange(len(model.floes)), repeats=3)
+        each = 1e9 / len(model.floes)
+        print(
+            f"{n} floes: {each * spent:.1f} ns a floe-step, {each * touch:.1f} of them contact forces; "
+            f"{each * renewal:.0f} ns a floe for a new list; its arrays are {moved:.0f} bytes a floe, "
+            f"once each way {1e9 * moved / speed:.1f} ns"
+        )
+    if options.instructions:
+        for law in LAWS:
+            print(f"{law}: {instructions(law):.1f} instructions a floe-step", flush=True)
+
+
+if __name__ == "__main__":
+    main()
