@@ -58,7 +58,7 @@ def pictures(block, block_vars, gallery_conf):
             path = next(block_vars["image_path_iterator"])
             figure.savefig(path, dpi="figure")
             paths.append(path)
-    return figure_rst(paths, gallery_conf["src_dir"])
+    return "\n".join(figure_rst([path], gallery_conf["src_dir"]) for path in paths)
 
 
 ORDER = (
@@ -91,7 +91,7 @@ def keys_page():
         "# Keys of a scene file",
         "",
         "Made from the declarations that read the file; `floebmi scene --keys` prints the same. SI units (m, s, m/s, Pa,"
-        " kg/m³), angles on the globe in degrees. A key without a default is left out of the model where it is not given.",
+        " kg/m³), angles on the globe in degrees. Where a key has no default and is not required, leaving it out leaves out what it stands for, or takes what its meaning says.",
     ]
     above = None
     for table, key, default, text in tables.keys(scene.Scene):
@@ -105,16 +105,31 @@ def keys_page():
 
 
 def variables_page():
-    """The table of variables."""
-    text = inspect.cleandoc(variables.__doc__).split("\n\n", 2)[2]
-    return ["# Variables", "", text, "", *variables.table().splitlines()]
+    """The table of variables, a line for each: its names below each other, and all that is said of it."""
+    rule = inspect.cleandoc(variables.__doc__).split("\n\n", 2)[2]
+    lines = [
+        "# Variables",
+        "",
+        rule,
+        "",
+        "Names: short, BMI (CSDMS), CF. Each is `in`, set by a host,",
+    ]
+    lines += ["or `out`, computed; the state of the floes (`restart`) is in the restart file too."]
+    for title, rows in (("Fields", variables.VARIABLES), ("Floes", variables.FLOE_VARIABLES)):
+        lines += ["", f"## {title}", "", "| names | unit | what it is |", "|---|---|---|"]
+        for row in rows:
+            names = "<br>".join(f"`{name}`" for name in (row.name, row.csdms, row.cf) if name)
+            sign = f"; {row.positive}" if row.positive else ""
+            told = f"{row.text}{sign}.<br>*{row.grid}, {row.intent}*: {row.valid}"
+            lines.append(f"| {names} | {row.units} | {_cell(told)} |")
+    return lines
 
 
 def cli_page():
     """Help of every command, as the command line prints it."""
     lines = ["# Command line", ""]
     for path, command in cli_commands():
-        context = click.Context(command, info_name=path, max_content_width=96, terminal_width=96)
+        context = click.Context(command, info_name=path, max_content_width=86, terminal_width=86)
         level = "#" * min(3, 1 + len(path.split()))
         lines += [f"{level} `{path}`", "", "```text", command.get_help(context), "```", ""]
     return lines

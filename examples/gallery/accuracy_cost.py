@@ -25,7 +25,7 @@ settings = {
     "no contacts": "contact=none",
 }
 runs = {name: member({**case, "setting": setting}, seed=1) for name, setting in settings.items()}
-flux = {name: run["velocity"][-1] for name, run in runs.items()}  # ice per area × velocity
+flux = {name: run["velocity"][-1] for name, run in runs.items()}  # mass per area × velocity
 fine = np.linalg.norm(flux.pop("reference"))
 error = {n: np.linalg.norm(f - runs["reference"]["velocity"][-1]) / fine for n, f in flux.items()}
 with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
@@ -33,7 +33,7 @@ with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
     axes = figure.subplots()
     for name in error:
         axes.semilogy(runs[name]["cost_per_day"], error[name], "o", label=name)
-    axes.set(xlabel="time of a processor for a simulated day [s]", ylabel="error of ice transport [1]")
+    axes.set(xlabel="time of a processor for a simulated day [s]", ylabel="error of ice flux [1]")
     figure.legend(loc="outside right upper")
 measured = float(error["soft ice"])
 print(f"error with soft ice: {measured:.0%}")
