@@ -32,7 +32,7 @@ extensions = [
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"floebmi {release}"
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 # Hosts are not needed to read about them.
@@ -105,23 +105,24 @@ def keys_page():
 
 
 def variables_page():
-    """The table of variables, a line for each: its names below each other, and all that is said of it."""
+    """The table of variables, as a list."""
     rule = inspect.cleandoc(variables.__doc__).split("\n\n", 2)[2]
-    lines = [
-        "# Variables",
-        "",
-        rule,
-        "",
-        "Names: short, BMI (CSDMS), CF. Each is `in`, set by a host,",
-    ]
-    lines += ["or `out`, computed; the state of the floes (`restart`) is in the restart file too."]
+    lines = ["# Variables", "", rule]
+    who = {"in": "set by a host", "out": "computed", "restart": "state of the floes"}
     for title, rows in (("Fields", variables.VARIABLES), ("Floes", variables.FLOE_VARIABLES)):
-        lines += ["", f"## {title}", "", "| names | unit | what it is |", "|---|---|---|"]
+        lines += ["", f"## {title}"]
         for row in rows:
-            names = "<br>".join(f"`{name}`" for name in (row.name, row.csdms, row.cf) if name)
             sign = f"; {row.positive}" if row.positive else ""
-            told = f"{row.text}{sign}.<br>*{row.grid}, {row.intent}*: {row.valid}"
-            lines.append(f"| {names} | {row.units} | {_cell(told)} |")
+            cf = f", CF `{row.cf}`" if row.cf else ""
+            where = "each floe" if row.grid == "floe" else f"the {row.grid} grid"
+            lines += [
+                "",
+                f"`{row.name}` [{row.units}]",
+                f": {row.text}{sign}",
+                "",
+                f"  BMI `{row.csdms}`{cf}",
+            ]
+            lines += ["", f"  {who[row.intent]}; on {where}; means something {row.valid}"]
     return lines
 
 
