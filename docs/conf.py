@@ -35,10 +35,8 @@ html_title = f"floebmi {release}"
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 
-# Hosts are not needed to read about them.
-autodoc_mock_imports = [
-    name for name in ("landlab", "veros", "yac", "grpc4bmi") if find_spec(name) is None
-]
+# Hosts are heavy, and not needed to read about them.
+autodoc_mock_imports = ["landlab", "veros", "yac", "grpc4bmi"]
 autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # the docstrings say shapes and units
 suppress_warnings = ["config.cache"]  # the gallery takes a function
