@@ -61,6 +61,16 @@ def test_what_a_page_tells_the_reader_to_write_and_run_works(page, tmp_path, mon
     assert ran >= 1
 
 
+@pytest.mark.parametrize("page, file", [("contact-law", "contact"), ("force", "forces")])
+def test_the_code_that_a_how_to_shows_is_the_packages_own(page, file):
+    source = (ROOT / "floebmi" / f"{file}.py").read_text(encoding="utf-8")
+    text = (DOCS / "howto" / f"add-a-{page}.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^ *((?:@\w+\.register|def _|class \w+|return .+).*)$", text, re.M)
+    assert len(shown) >= 3
+    for line in shown:
+        assert line in source, line
+
+
 # ---- nothing is left out -----------------------------------------------------------------------
 
 
