@@ -13,6 +13,7 @@ sys.path.insert(0, str(ROOT))
 import click  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from sphinx_gallery.scrapers import figure_rst  # noqa: E402
+from sphinx_gallery.sorting import ExplicitOrder  # noqa: E402
 
 import floebmi  # noqa: E402
 from floebmi import cli, scene, tables, variables  # noqa: E402
@@ -31,13 +32,11 @@ extensions = [
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"floebmi {release}"
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 
-# Hosts are not needed to read about them.
-autodoc_mock_imports = [
-    name for name in ("landlab", "veros", "yac", "grpc4bmi") if find_spec(name) is None
-]
+# Hosts are heavy, and not needed to read about them.
+autodoc_mock_imports = ["landlab", "veros", "yac", "grpc4bmi"]
 autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # the docstrings say shapes and units
 suppress_warnings = ["config.cache"]  # the gallery takes a function
@@ -57,15 +56,20 @@ def pictures(block, block_vars, gallery_conf):
             path = next(block_vars["image_path_iterator"])
             figure.savefig(path, dpi="figure")
             paths.append(path)
-    return figure_rst(paths, gallery_conf["src_dir"])
+    return "\n".join(figure_rst([path], gallery_conf["src_dir"]) for path in paths)
 
 
+ORDER = (
+    "two_floes", "hexagonal_pack", "principal_stress", "shear", "strait", "labrador_sea", "drift_29_days",
+    "size_distribution", "ledger", "accuracy_cost", "landlab_eddy",
+)  # fmt: skip
 warnings.filterwarnings("ignore", "ice not placed")
 sphinx_gallery_conf = {
     "examples_dirs": str(ROOT / "examples" / "gallery"),
     "gallery_dirs": "gallery",
     "filename_pattern": r".*" if find_spec("landlab") else r"^((?!landlab).)*$",
     "image_scrapers": (pictures,),
+    "within_subsection_order": ExplicitOrder([f"{name}.py" for name in ORDER]),
     "capture_repr": (),
     "reset_modules": (),
     "show_memory": False,
@@ -85,7 +89,7 @@ def keys_page():
         "# Keys of a scene file",
         "",
         "Made from the declarations that read the file; `floebmi scene --keys` prints the same. SI units (m, s, m/s, Pa,"
-        " kg/m³), angles on the globe in degrees. A key without a default is left out of the model where it is not given.",
+        " kg/m³), angles on the globe in degrees. Where a key has no default and is not required, leaving it out leaves out what it stands for, or takes what its meaning says.",
     ]
     above = None
     for table, key, default, text in tables.keys(scene.Scene):
@@ -99,16 +103,32 @@ def keys_page():
 
 
 def variables_page():
-    """The table of variables."""
-    text = inspect.cleandoc(variables.__doc__).split("\n\n", 2)[2]
-    return ["# Variables", "", text, "", *variables.table().splitlines()]
+    """The table of variables, as a list."""
+    rule = inspect.cleandoc(variables.__doc__).split("\n\n", 2)[2]
+    lines = ["# Variables", "", rule]
+    who = {"in": "set by a host", "out": "computed", "restart": "state of the floes"}
+    for title, rows in (("Fields", variables.VARIABLES), ("Floes", variables.FLOE_VARIABLES)):
+        lines += ["", f"## {title}"]
+        for row in rows:
+            sign = f"; {row.positive}" if row.positive else ""
+            cf = f", CF `{row.cf}`" if row.cf else ""
+            where = "each floe" if row.grid == "floe" else f"the {row.grid} grid"
+            lines += [
+                "",
+                f"`{row.name}` [{row.units}]",
+                f": {row.text}{sign}",
+                "",
+                f"  BMI `{row.csdms}`{cf}",
+            ]
+            lines += ["", f"  {who[row.intent]}; on {where}; means something {row.valid}"]
+    return lines
 
 
 def cli_page():
     """Help of every command, as the command line prints it."""
     lines = ["# Command line", ""]
     for path, command in cli_commands():
-        context = click.Context(command, info_name=path, max_content_width=96, terminal_width=96)
+        context = click.Context(command, info_name=path, max_content_width=86, terminal_width=86)
         level = "#" * min(3, 1 + len(path.split()))
         lines += [f"{level} `{path}`", "", "```text", command.get_help(context), "```", ""]
     return lines

@@ -578,6 +578,23 @@ def animate(
 
 @floebmi.command()
 @click.argument("file", type=click.Path(path_type=Path))
+@_to_option("FILE", "Page to make (.html); else an .html beside FILE.")
+@_force_option
+@_color_option
+@click.option("--every", default=1, help="Take each n-th frame only.")
+def view(file: Path, target: Path | None, force: bool, color: str, every: int) -> None:
+    """Make one HTML page of FILE, with a slider for the time: the folder of a run, or its floes.nc."""
+    from floebmi import plot as draw
+
+    files = _outputs(file)
+    if files.trajectories is None:
+        raise InputError(f"{file}: a page needs the floes.nc of the run")
+    target = _target(target, files.trajectories.with_suffix(".html"), force)
+    click.echo(f"wrote {draw.page(files.trajectories, target, color=color, every=every)}")
+
+
+@floebmi.command()
+@click.argument("file", type=click.Path(path_type=Path))
 @_to_option("FOLDER", "Where the files go; else a folder paraview beside FILE.")
 @_force_option
 def export(file: Path, target: Path | None, force: bool) -> None:

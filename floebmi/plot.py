@@ -1,15 +1,17 @@
 """Pictures and animations, from the files of a run and from nothing else.
 
 `frame` draws the floes as true circles among the coast, `field` maps a gridded variable, `ledger` shows where
-mass, momentum and energy came from, `animate` makes a film that a browser plays.  All share one style:
-light water, land in sand, sequential maps that everyone can read (viridis; PuOr where a sign matters),
-axes in km, the time above.
+mass, momentum and energy came from, `animate` makes a film that a browser plays, `page` a page with a slider.
+All share one style: light water, land in sand, sequential maps that everyone can read (viridis; PuOr where a
+sign matters), axes in km, the time above.
 
 Figures are matplotlib's `Figure` without pyplot: nobody's backend or open windows are touched, and the
 style holds only while a picture is drawn.  A film is drawn frame by frame and piped to the ffmpeg binary
 that PyPI's imageio-ffmpeg brings; matplotlib's own writers would look for one on the user's path.
 """
 
+import base64
+import json
 import os
 import textwrap
 from collections.abc import Callable, Iterator
@@ -273,6 +275,49 @@ def animate(
     return to
 
 
+def page(
+    trajectories: str | Path,
+    to: str | Path = "floes.html",
+    *,
+    color: str = "speed",
+    limits: tuple[float, float] | None = None,
+    title: str | None = None,
+    every: int = 1,
+) -> Path:
+    """A page with all frames and a slider for the time; one file, which needs no network.
+
+    Parameters
+    ----------
+    trajectories, color, limits, title : as for `frame`
+    to : .html
+    every : take each n-th frame of the file
+
+    Returns
+    -------
+    The file.
+
+    Raises
+    ------
+    InputError
+        as `frame`, and for another ending of the name or every < 1.
+    """
+    to = Path(to)
+    if to.suffix != ".html":
+        raise InputError(f"{to}: {choose(to.suffix, ('.html',))}")
+    if not to.parent.is_dir():
+        raise InputError(f"{to}: there is no folder {to.parent}")
+    if every < 1:
+        raise InputError(f"every = {every}: must be at least 1")
+    with ExitStack() as files:
+        view = _open_view(files, trajectories, None)
+        run = _page_of(_FloePicture(view, color, None, limits, title, 400), view, every)
+    blank = Path(__file__).with_name("view.html").read_text(encoding="utf-8")
+    # "</" would end the script that holds the data
+    told = json.dumps(run, ensure_ascii=False).replace("</", "<\\/")
+    to.write_text(blank.replace("{{ run }}", told), encoding="utf-8")
+    return to
+
+
 # ---- files ------------------------------------------------------------------------------------
 
 
@@ -499,15 +544,23 @@ def _save(figure: "Figure", to: str | Path | None) -> "Figure":
 # ---- what is drawn ----------------------------------------------------------------------------
 
 
+def _shores(data: "Dataset") -> list[np.ndarray]:
+    """Rings of the land's outline [m], each of shape (nodes, 2); none if the file has no land."""
+    if "land_polygons" not in data.variables:
+        return []
+    nodes = np.stack([_filled(data[f"land_{a}"][:]) for a in "xy"], axis=1)
+    return np.split(nodes, np.cumsum(data["land_ring_node_count"][:])[:-1])
+
+
 def _draw_land(axes: "Axes", view: _View) -> None:
     """Land polygons if the file has them, else the dry cells."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
-    if "land_polygons" in view.data.variables:
-        nodes = np.stack([view.data[f"land_{a}"][:] for a in "xy"], axis=1) / view.length[0]
+    if rings := _shores(view.data):
+        nodes = np.concatenate(rings) / view.length[0]
         codes = np.full(len(nodes), Outline.LINETO, Outline.code_type)
-        ends = np.cumsum(view.data["land_ring_node_count"][:])
+        ends = np.cumsum([len(ring) for ring in rings])
         codes[ends - 1] = Outline.CLOSEPOLY
         codes[0] = codes[ends[:-1]] = Outline.MOVETO
         shores = Outline(nodes, codes)  # lakes run the other way round, which leaves them open
@@ -744,19 +797,19 @@ class _FloePicture:
     ) -> None:
         self._view, self._color, self._arrows = view, color, arrows
         data = view.data
-        self._radius = self._read("radius", 0)
-        motion = self._read("motion", 0).astype(int)
+        self._radius = self.read("radius", 0)
+        motion = self.read("motion", 0).astype(int)
         held = (motion & 7) == 7
-        self._still = ((motion & 8) != 0) | (held & self._never_moves())
-        self._bar = None
+        self.still = ((motion & 8) != 0) | (held & self._never_moves())
+        self.bar = None
         if color is not None:
             self._check_color(color)
             sample = np.unique(np.linspace(0, len(view.time) - 1, 20).astype(int))
-            values = np.concatenate([self._values(k)[~self._still] for k in sample])
+            values = np.concatenate([self.values(k)[~self.still] for k in sample])
             whole = color != "speed" and data[color].dtype.kind == "i"
-            self._bar = _Bar(self._label(color), _scale_of(color, values, limits, whole))
-        title = str(getattr(data, "title", "")) if title is None else title
-        self.figure, self.axes = _canvas(view, size, title, self._bar, arrows is not None)
+            self.bar = _Bar(self._label(color), _scale_of(color, values, limits, whole))
+        self.title = str(getattr(data, "title", "")) if title is None else title
+        self.figure, self.axes = _canvas(view, size, self.title, self.bar, arrows is not None)
         _draw_land(self.axes, view)
         _draw_graticule(self.axes, view)
         _draw_scale_bar(self.axes, view)
@@ -768,16 +821,16 @@ class _FloePicture:
         """Draw frame k."""
         for artist in self._moving:
             artist.remove()
-        x, y = self._read("x", k), self._read("y", k)
+        x, y = self.read("x", k), self.read("y", k)
         here = np.isfinite(x)
-        radius = self._read("radius", k)
-        land, ice = here & self._still, here & ~self._still
+        radius = self.read("radius", k)
+        land, ice = here & self.still, here & ~self.still
         self._moving = [self._circles(x, y, radius, land, facecolor=LAND, edgecolor=LAND)]
-        if self._bar is None:
+        if self.bar is None:
             look = {"facecolor": "white"}
         else:
-            scale = self._bar.scale
-            look = {"cmap": scale.cmap, "norm": scale.norm, "array": self._values(k)}
+            scale = self.bar.scale
+            look = {"cmap": scale.cmap, "norm": scale.norm, "array": self.values(k)}
         usual = np.median(radius[ice]) / self._view.length[0] if ice.any() else 0.0
         pixels = usual * self._per_unit()
         edge: dict[str, Any] = {"edgecolor": "none"}  # outlines would hide floes of a few pixels
@@ -859,18 +912,16 @@ class _FloePicture:
             / (east - west)
         )
 
-    def _read(self, name: str, k: int) -> np.ndarray:
+    def read(self, name: str, k: int) -> np.ndarray:
         variable = self._view.data[name]
         return _filled(variable[k] if variable.ndim == 2 else variable[:])
 
     def _never_moves(self) -> np.ndarray:
         """Floes that stand where they stood, in the first and last frame."""
         first, last = 0, len(self._view.time) - 1
-        gone = (
-            np.nan_to_num(self._read("u", first)) ** 2 + np.nan_to_num(self._read("v", first)) ** 2
-        )
-        moved = np.abs(self._read("x", last) - self._read("x", first))
-        moved += np.abs(self._read("y", last) - self._read("y", first))
+        gone = np.nan_to_num(self.read("u", first)) ** 2 + np.nan_to_num(self.read("v", first)) ** 2
+        moved = np.abs(self.read("x", last) - self.read("x", first))
+        moved += np.abs(self.read("y", last) - self.read("y", first))
         return (gone == 0) & ~(moved > 0)
 
     def _check_color(self, color: str) -> None:
@@ -882,16 +933,66 @@ class _FloePicture:
         if color not in have:
             raise InputError(f"color = {color!r}: {choose(color, have)}")
 
-    def _values(self, k: int) -> np.ndarray:
+    def values(self, k: int) -> np.ndarray:
         if self._color == "speed":
-            return np.hypot(self._read("u", k), self._read("v", k))
-        return self._read(self._color, k)
+            return np.hypot(self.read("u", k), self.read("v", k))
+        return self.read(self._color, k)
 
     def _label(self, color: str) -> str:
         if color == "speed":
             return _label("speed", "m s-1")
         variable = self._view.data[color]
         return _label(variable.long_name, getattr(variable, "units", "1"))
+
+
+# ---- page -------------------------------------------------------------------------------------
+
+
+def _page_of(picture: _FloePicture, view: _View, every: int) -> dict[str, Any]:
+    """What `view.html` shows; lengths in m, arrays (frame, floe) in base 64: float32, and RGB as bytes."""
+    from matplotlib.colors import to_hex, to_rgb
+
+    data, bar = view.data, picture.bar
+    frames = range(0, len(view.time), every)
+    x, y = (np.array([picture.read(name, k) for k in frames], "<f4") for name in "xy")
+    rgb = np.array([bar.scale.cmap(bar.scale.norm(picture.values(k)), bytes=True) for k in frames])
+    rgb[:, picture.still, :3] = np.round(255 * np.array(to_rgb(LAND)))
+    (west, east), (south, north) = data.domain_x, data.domain_y
+    walls = []
+    if "wall_position" in data.variables:
+        positions = data["wall_position"][::every].T.tolist()
+        walls = [
+            {"edge": str(edge), "position": position}
+            for edge, position in zip(data["wall"][:], positions, strict=True)
+        ]
+    low, high = bar.scale.norm.vmin, bar.scale.norm.vmax
+    length, unit = view.length
+    return {
+        "title": picture.title,
+        "box": [float(west), float(east), float(south), float(north)],
+        "width": f"{(east - west) / length:g} {unit}",
+        "period": [
+            float(high - low) if edge == "periodic" else 0.0
+            for edge, low, high in (
+                (data.domain_west, west, east), (data.domain_south, south, north)
+            )
+        ],
+        "times": [view.clock.text(k) for k in frames],
+        "radius": np.nan_to_num(picture.read("radius", len(view.time) - 1)).tolist(),
+        "still": picture.still.tolist(),
+        "x": _base64(x), "y": _base64(y), "rgb": _base64(rgb[:, :, :3]),
+        "shores": [ring.tolist() for ring in _shores(data)],
+        "walls": walls,
+        "bar": {
+            "low": f"{low:.3g}", "high": f"{high:.3g}", "label": bar.label,
+            "colours": [to_hex(bar.scale.cmap(share)) for share in np.linspace(0, 1, 9)],
+        },
+        "water": WATER, "land": LAND, "ink": INK,
+    }  # fmt: skip
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
 # ---- ledger -----------------------------------------------------------------------------------

@@ -4,6 +4,9 @@ import inspect
 import re
 import runpy
 import shlex
+import subprocess
+import sys
+import zipfile
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -56,6 +59,16 @@ def test_what_a_page_tells_the_reader_to_write_and_run_works(page, tmp_path, mon
                     assert done.exit_code == 0, f"{line}: {done.output}"
                     ran += 1
     assert ran >= 1
+
+
+@pytest.mark.parametrize("page, file", [("contact-law", "contact"), ("force", "forces")])
+def test_the_code_that_a_how_to_shows_is_the_packages_own(page, file):
+    source = (ROOT / "floebmi" / f"{file}.py").read_text(encoding="utf-8")
+    text = (DOCS / "howto" / f"add-a-{page}.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^ *((?:@\w+\.register|def _|class \w+|return .+).*)$", text, re.M)
+    assert len(shown) >= 3
+    for line in shown:
+        assert line in source, line
 
 
 # ---- nothing is left out -----------------------------------------------------------------------
@@ -146,3 +159,32 @@ def test_relative_links_lead_somewhere(page):
             continue
         assert to.exists(), target
         assert not anchor or anchor in anchors(to), target
+
+
+# ---- the site, and the package ------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning(tmp_path):
+    pytest.importorskip("sphinx_gallery")
+    words = ["-m", "sphinx", "-W", "-q", "-b", "html", "-D", "plot_gallery=0", DOCS, tmp_path]
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for page in ("index", "reference/made/scene-keys", "gallery/two_floes"):
+        assert (tmp_path / f"{page}.html").exists()
+
+
+@pytest.mark.long
+def test_a_wheel_holds_licences_data_types_and_the_page(tmp_path):
+    words = ["-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", tmp_path, ROOT]
+    subprocess.run([sys.executable, *words], check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    have = zipfile.ZipFile(wheel).namelist()
+    data = ROOT / "floebmi" / "scenes" / "data"
+    for file in ("py.typed", "view.html", "scenes/labrador-sea.toml"):
+        assert f"floebmi/{file}" in have
+    for licence in (
+        "LICENSE",
+        *(f"floebmi/scenes/data/{one.name}" for one in data.glob("*.LICENSE")),
+    ):
+        assert any(name.endswith(f".dist-info/licenses/{licence}") for name in have), licence

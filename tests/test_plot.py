@@ -1,13 +1,20 @@
+import base64
+import json
+import re
+
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.text import Text
+from netCDF4 import Dataset
 from small_run import DOMAIN, GRIDS, LAND, small_model, small_run
 
-from floebmi import Domain, Floes, InputError, Model
+from floebmi import Domain, Floes, InputError, Model, Wall, frictional
 from floebmi import plot as draw
 from floebmi.floes import COAST
 from floebmi.output import TrajectoryWriter
+from floebmi.running import run as run_model
 
 
 @pytest.fixture(scope="module")
@@ -273,3 +280,63 @@ def test_unusable_words_are_refused_in_one_line(run, call, message):
     with pytest.raises(InputError, match=message) as error:
         call(run[1], run[0])
     assert "\n" not in str(error.value)
+
+
+def told_by(page):
+    """The data of a page, with the arrays of its frames in shape."""
+    text = page.read_text(encoding="utf-8")
+    run = json.loads(re.search(r'type="application/json">(.*?)</script>', text, re.S)[1])
+    shape = len(run["times"]), len(run["radius"])
+    for name, kind in (("x", "<f4"), ("y", "<f4"), ("rgb", "u1")):
+        values = np.frombuffer(base64.b64decode(run[name]), kind)
+        run[name] = values.reshape(*shape, 3) if name == "rgb" else values.reshape(shape)
+    return run
+
+
+def test_a_page_holds_the_floes_of_every_frame_and_asks_for_nothing(run, tmp_path):
+    _, trajectories, _ = run
+    page = draw.page(trajectories, tmp_path / "run.html", title="</script> & more")
+    told = told_by(page)
+    with Dataset(trajectories) as data:
+        for name in "xy":
+            np.testing.assert_allclose(told[name], data[name][:].filled(np.nan), rtol=1e-6)
+        here = ~np.ma.getmaskarray(data["x"][-1])
+        radius = data["radius"][:]
+        radius = radius[-1] if radius.ndim == 2 else radius
+        np.testing.assert_allclose(np.array(told["radius"])[here], radius[here])
+    assert told["title"] == "</script> & more" and len(told["times"]) == 4
+    land = (np.array(to_rgb(draw.LAND)) * 255).round()
+    assert (told["rgb"][:, 15] == land).all() and told["still"][15]
+    speeds = {tuple(color) for color in told["rgb"][0, :15]}
+    assert len(speeds) > 1  # floe 0 is the only one that moves at the start
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"https?:|src=|@import|fetch\(", text)
+    assert "{{" not in text and text.count("</script>") == 2
+
+
+def test_a_page_shows_shores_walls_and_periods(tmp_path):
+    domain = Domain((0.0, 1000.0), (0.0, 800.0), "periodic", "periodic", "closed")
+    floes = Floes([100.0, 500.0], [200.0, 400.0], 50.0, 1.0)
+    wall = Wall("north", position=700.0, velocity=-1.0)
+    model = Model(domain, floes, frictional(), walls=[wall])
+    path, shore = tmp_path / "floes.nc", np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]])
+    run_model(model, 20.0, every=10.0, trajectories=path, land=[shore])
+    told = told_by(draw.page(path, tmp_path / "run.html"))
+    assert told["box"] == [0.0, 1000.0, 0.0, 800.0] and told["period"] == [1000.0, 0.0]
+    assert {tuple(node) for node in told["shores"][0]} == {tuple(node) for node in shore}
+    walls = {wall["edge"]: wall["position"] for wall in told["walls"]}
+    np.testing.assert_allclose(walls["north"], [700.0, 690.0, 680.0])
+
+
+@pytest.mark.parametrize(
+    "how, message",
+    [
+        ({"to": "a.htm"}, r"a.htm: .*\.html"),
+        ({"to": "no/a.html"}, "no folder no"),
+        ({"to": "a.html", "every": 0}, "every = 0: must be at least 1"),
+        ({"to": "a.html", "color": "sped"}, "color = 'sped': .*speed"),
+    ],
+)
+def test_a_page_that_cannot_be_made_is_refused(run, how, message):
+    with pytest.raises(InputError, match=message):
+        draw.page(run[1], **how)
