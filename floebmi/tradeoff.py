@@ -420,7 +420,7 @@ def _combined(
             best[dial] = min(good, key=lambda t: float(cost.sel(setting=t)))
     errors = data.error.sel(quantity=data.attrs["of"])
     if best.get("contact") == "contact=none":
-        for dial in best.keys() & {"step", "stiffness"}:  # of contacts
+        for dial in best.keys() & {"step", "stiffness", "drag"}:  # no use without contacts
             del best[dial]
     while len(best) > 1:
         yield " ".join(best.values())
