@@ -67,6 +67,7 @@ from floebmi.sampling import (
     coverage,
     floe_weights,
     gather,
+    gather_each,
     shares,
     without_cell,
 )
@@ -498,11 +499,11 @@ class Model:
                 continue
             nowhere = without_cell(w)
             at[RATE, nowhere] = 0.0  # no water, no drag
-            gather(w, fluid.u, out=at[FLUID_U])
-            gather(w, fluid.v, out=at[FLUID_V])
+            fields, rows = (fluid.u, fluid.v), (at[FLUID_U], at[FLUID_V])
             if len(at) > SPIN_RATE:
-                gather(w, 0.5 * fluid.vorticity(), out=at[HALF_CURL])
+                fields, rows = (*fields, 0.5 * fluid.vorticity()), (*rows, at[HALF_CURL])
                 at[SPIN_RATE, nowhere] = 0.0
+            gather_each(w, fields, rows)
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:

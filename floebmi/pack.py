@@ -482,8 +482,9 @@ def _look(law, period_x, period_y, floes, mu, sigma, pairs):
         was_bonded = recall(pairs.bonded, p)
         if gap >= 0.0 and was_bonded <= 0.0:
             continue
+        opening = (other.u - one.u) * nx + (other.v - one.v) * ny
         f = pair_force(
-            law, gap, 0.0, 0.0, 0.0, one.r, other.r, one.h, other.h, 1.0,
+            law, gap, opening, 0.0, 0.0, one.r, other.r, one.h, other.h, one.w + other.w,
             least_of(mu, coefficient(law.friction), i, j),
             least_of(sigma, strength(law.bonds), i, j),
             recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),

@@ -197,6 +197,16 @@ def _gather(start, cell, weight, field, out):
 
 
 @jit
+def _gather_each(start, cell, weight, fields, outs):
+    for k in range(start.size - 1):
+        for q in range(len(fields)):
+            field, total = fields[q], 0.0
+            for m in range(start[k], start[k + 1]):
+                total += weight[m] * field[cell[m]]
+            outs[q][k] = total
+
+
+@jit
 def _scatter(start, cell, weight, values, out):
     for k in range(start.size - 1):
         for m in range(start[k], start[k + 1]):
@@ -440,6 +450,13 @@ def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -
         raise InputError(f"out has shape {out.shape}: must be {shape}, one row per floe")
     _gather(weights.start, weights.cell, weights.weight, _columns(field), _columns(out))
     return out
+
+
+def gather_each(
+    weights: Weights, fields: tuple[np.ndarray, ...], outs: tuple[np.ndarray, ...]
+) -> None:
+    """`gather` of several fields of shape (grid.size,), float64, each into its out (n,): the weights are read once."""
+    _gather_each(weights.start, weights.cell, weights.weight, fields, outs)
 
 
 def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:

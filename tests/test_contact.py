@@ -22,6 +22,7 @@ from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
 from floebmi.pack import PairList, look
+from floebmi.packing import relax
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
@@ -43,8 +44,9 @@ def pair(law, gap, slip_rate=0.0, radius=10.0, slip=0.0, dt=0.0):
 
 def force_and_energy(law, gap, slip, bonded):
     """One pair with r_i = 10, r_j = 15, h = 1 and 2 m: force on i along −n, and elastic energy."""
-    place = np.zeros(2, [(name, float) for name in "xyrh"]).view(np.recarray)
+    place = np.zeros(2, [(name, float) for name in "xyrhuvw"]).view(np.recarray)
     place.x, place.r, place.h = [0.0, 25.0 + gap], [10.0, 15.0], [1.0, 2.0]
+    place.w = 0.5
     one = np.array([0], np.uint32)
     pairs = PairList(np.array([0, 1, 1]), one, one + 1, np.array([slip]), np.array([bonded]))
     row = look(law, None, None, place, None, None, pairs)[0]
@@ -205,3 +207,21 @@ def test_the_papers_lever_arm_breaks_angular_momentum_and_the_default_does_not()
 def test_a_law_out_of_its_bounds_is_refused_by_name(law, name):
     with pytest.raises(InputError, match=name):
         Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), contact=law)
+
+
+@pytest.mark.parametrize("law", [frictional(restitution=0.3), cohesive(restitution=0.3)])
+def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes(law):
+    rng = np.random.default_rng(8)
+    floes = Floes(*rng.uniform(0.0, 80.0, (2, 30)), 8.0, 1.0)
+    domain = Domain((0.0, 100.0), (0.0, 100.0), *["periodic"] * 4)
+    relax(floes, domain)
+    floes.u[:], floes.v[:] = rng.normal(0.0, 0.5, (2, 30))
+    model = Model(domain, floes, law)
+    model.advance(2.0)
+    contacts, now, net = model.contacts(), model._now().packed, np.zeros((2, 30))
+    for axis, force in enumerate((contacts.fx, contacts.fy)):
+        np.add.at(net[axis], contacts.i, force)
+        np.subtract.at(net[axis], contacts.j, force)
+    moving = np.array([now.force.x, now.force.y])
+    assert len(contacts.i) > 2 and np.abs(moving).max() > 1e3
+    assert net[:, now.number] == pytest.approx(moving, abs=1e-9 * np.abs(moving).max())
