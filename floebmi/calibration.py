@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import platformdirs
 
+from floebmi.running import Forcing
+
 if TYPE_CHECKING:
     from floebmi.model import Model
     from floebmi.scene import Built
@@ -45,9 +47,7 @@ def kind(model: "Model") -> str:
 def measure(built: "Built") -> Cost:
     """Run the start of a scene for a few seconds; the model is then used up."""
     model = built.model
-    for source, fluid in ((built.ocean, model.ocean), (built.atmosphere, model.atmosphere)):
-        if source is not None and fluid is not None:
-            source.fill(0.0, fluid.u, fluid.v)
+    Forcing(model, built.ocean, built.atmosphere).fill(0.0)
     step = model.longest_step()
     step = step if np.isfinite(step) else 60.0
     model.advance(SHORT * step)  # compiles

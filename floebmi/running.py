@@ -178,7 +178,7 @@ def run(
     for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
         if source is not None and fluid is not None:
             check_forcing(source, fluid, start, end)
-    drive = _Forcing(model, ocean, atmosphere)
+    drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
     files = [Path(path) for path in (gridded, trajectories) if path is not None]
     finished, first_steps = True, None
@@ -288,7 +288,7 @@ def _save(
         error.add_note(f"the state at t = {state['time']:g} s is saved in {path}")
 
 
-class _Forcing:
+class Forcing:
     """Fills the velocities of the fluids."""
 
     def __init__(

@@ -27,7 +27,7 @@ from floebmi.errors import InputError
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
-from floebmi.sampling import coverage
+from floebmi.running import Forcing
 from floebmi.scene import Built, Scene, read_scene
 from floebmi.vorticity import gradient_operators
 
@@ -140,12 +140,10 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
         model.floes.x[free] += NUDGE * model.floes.radius[free]
     grid = _grid(scene, model)
     schedule = scene.schedule(parameters["duration"])
-    sources = ((built.ocean, model.ocean), (built.atmosphere, model.atmosphere))
+    drive = Forcing(model, built.ocean, built.atmosphere)
     frames, spent, first, drift = [], 0.0, 0.0, np.zeros(2)
     for k in range(1, round(schedule.duration / schedule.exchange) + 1):
-        for source, fluid in sources:
-            if source is not None and fluid is not None:
-                source.fill((k - 0.5) * schedule.exchange, fluid.u, fluid.v)
+        drive.fill((k - 0.5) * schedule.exchange)
         here, begin = model.floes.copy(), time.process_time()
         model.advance(k * schedule.exchange - model.time)
         spent += time.process_time() - begin  # not the clock's: other runs share the machine
@@ -189,13 +187,13 @@ def _grid(scene: Scene, model: "Model") -> Grid:
 
 
 def _frame(model: "Model", grid: Grid, drift: np.ndarray) -> dict[str, np.ndarray]:
-    f, contacts, period = model.floes, model.contacts(), model.domain.period
-    ice = f.active & ~f.land
-    areas = coverage(grid, f.x, f.y, f.radius, period, of=ice)
-    fields = cell_fields(grid, areas, f.thickness, f.u, f.v, f.radius, model.ice_density)
+    f, contacts = model.floes, model.contacts()
+    fields = cell_fields(
+        grid, model.coverage(grid), f.thickness, f.u, f.v, f.radius, model.ice_density
+    )
     stress = internal_stress(
         grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy, contacts.fx, contacts.fy,
-        period,
+        model.domain.period,
     )  # fmt: skip
     velocity = np.array([fields["ice_velocity_x"], fields["ice_velocity_y"]])
     return {
@@ -291,15 +289,14 @@ def tradeoff(
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
 
-    data, why = _compare(run(tried), fine, error, of, usual)
+    done = run(tried)
+    data, why = _compare(done, fine, error, of, usual)
     for text in _combined(dials, data, error):
         tried.append(text)
         done = run(tried)
         data, why = _compare(done, fine, error, of, usual)
         if _acceptable(data, error).sel(setting=text):
             break
-    else:
-        done = run(tried)
     data.attrs |= {
         "title": f"speed against accuracy of the scene {scene.name}",
         "scene_hash": shared["text"],
@@ -316,16 +313,13 @@ def _affordable(
 ) -> float:
     """The part of a scene's time [s] for which all runs fit into `budget` minutes; whole frames of it."""
     schedule, model, begin = scene.schedule(), built.model, None
+    drive = Forcing(model, built.ocean, built.atmosphere)
     for k in range(4):  # the first compiles
-        for source, fluid in ((built.ocean, model.ocean), (built.atmosphere, model.atmosphere)):
-            if source is not None and fluid is not None:
-                source.fill(model.time, fluid.u, fluid.v)
+        drive.fill(model.time)
         model.advance(schedule.exchange)
         begin = time.perf_counter() if k == 0 else begin
     each = (time.perf_counter() - begin) / 3
-    runs = seeds * (
-        settings + 8
-    )  # the reference and the paper's preset take longer, combinations follow
+    runs = seeds * (settings + 8)  # reference and preset take longer, combinations follow
     exchanges = 60.0 * budget * (jobs or ensemble._cores()) / (runs * each)
     frames = int(exchanges * schedule.exchange / schedule.every)
     if frames < 2:
