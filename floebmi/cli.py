@@ -393,7 +393,10 @@ def tradeoff(
         if best is None:
             click.echo(f"no setting has an error of {of} below {error:g}")
         else:
-            click.echo(f"for an error of {of} below {error:g}: {trade.words(made.data, best)}")
+            click.echo(
+                f"for an error of {of} below {error:g}, or that the seeds cannot tell: "
+                f"{trade.words(made.data, best)}"
+            )
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:
         _fail(f"{len(made.failures)} runs failed; the same command runs them again", 3)
