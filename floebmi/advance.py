@@ -12,14 +12,15 @@ import numpy as np
 
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
+from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
-from floebmi.dynamics import PAIR_BUFFER, Step, taylor, touch, verlet
+from floebmi.dynamics import Step, taylor, touch_once, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import BLOCK, BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
+from floebmi.forces import BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
+from floebmi.kernels import BLOCK
 from floebmi.pack import (
     Chunks,
-    PairList,
     Stiffest,
     deepest,
     list_pairs,
@@ -31,12 +32,15 @@ from floebmi.pack import (
     stiffest,
     strayed,
     unpack,
+    widest_gap,
 )
+from floebmi.pairs import PairList, near_of
 from floebmi.threads import verlet as verlet_in_chunks
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Of the smallest radius; wider where sizes differ much, since few of the pairs then move.
 SKIN = 0.3
+NEAR = 0.15  # the skin of the short list, of that one
 
 
 @dataclass
@@ -142,8 +146,10 @@ class Advance:
         self.pairs, self.chunks = list_pairs(
             self.packed, self.contact, self.period, self.skin, old, old_chunks, old_place
         )
+        self.near = near_of(self.pairs, 1 if self.chunks is None else len(self.chunks.parts) - 1)
+        self.gap = widest_gap(self.packed, self.contact)
         self._list_walls()
-        self._touch(0.0)
+        self._touch()
         self._stiffest: Stiffest | None = None
 
     @property
@@ -180,13 +186,10 @@ class Advance:
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
         self.wall_damped = np.zeros(len(self.wall_floe)) if dashpot else None
 
-    def _touch(self, dt: float) -> None:
-        p = self.packed
-        touch(
-            self.contact, self.wall_law, *self.period, p.floes, p.spinning, p.friction,
-            p.tensile_strength, self.pairs, 0, len(self.pairs.i), self.walls, self.wall_floe,
-            self.wall_number, self.wall_damped, dt, p.force, p.inverse_x, p.inverse_y,
-            p.inverse_spin, self.constraint, self.buffer,
+    def _touch(self) -> None:
+        touch_once(
+            self.contact, self.wall_law, *self.period, self.packed, self.pairs, self.near, self.gap,
+            self.walls, self.wall_floe, self.wall_number, self.wall_damped, self.constraint, self.buffer,
         )  # fmt: skip
 
     def _unpack(self) -> None:
@@ -344,17 +347,17 @@ class Advance:
             self.walls, self.wall_floe, self.wall_number, self.wall_damped, self.constraint, self.losses
         )  # fmt: skip
         laws = self.contact, self.wall_law, self.forces, self.here, *self.period
+        floes = self.packed, self.pairs, self.near, self.gap, NEAR * self.skin
         if self.step.scheme == "verlet":
             rest = (
-                self.packed, self.pairs, *lists, dt, steps, substeps, self.travelled, half_skin,
-                self.step.drag_every, self.lag,
+                *floes, *lists, dt, steps, substeps, self.travelled, half_skin, self.step.drag_every,
+                self.lag,
             )  # fmt: skip
             if self.chunks is None:
                 return verlet(*laws, *rest)
             return verlet_in_chunks(self.threads, self.chunks, *laws, *rest)
         return taylor(
-            self.step.scheme == "taylor3", *laws, self.packed, self.pairs, *lists, dt, steps,
-            self.travelled, half_skin,
+            self.step.scheme == "taylor3", *laws, *floes, *lists, dt, steps, self.travelled, half_skin,
         )  # fmt: skip
 
     def _count(self, steps: int, dt: float) -> None:

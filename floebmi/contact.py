@@ -338,14 +338,14 @@ def _(friction: Damsgaard2018Coulomb, radius, other_radius, gap):
 
 
 @dispatched
-def tangential(spring, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
+def tangential(spring, beam, mu, bonded, k_n, pressed, slip, slip_rate, dt):
     """Tangential force on i before and now, the slip remembered, the energy lost.
 
-    By (eq. coulomb-friction), or by (eq. bond-shear) while a beam holds.
+    By (eq. coulomb-friction), or by (eq. bond-shear) while a beam holds; pressed : f_n/k_n [m].
     """
     k_t = k_n * stiffness_ratio(spring)
     tried = slip + slip_rate * dt
-    limit = mu * max(f_n, 0.0) / k_t
+    limit = mu / stiffness_ratio(spring) * max(pressed, 0.0)
     kept = tied(beam, bonded, tried, min(max(tried, -limit), limit))
     # the force is formed from the slip that is kept, so that forming it again gives the same bits;
     # the loss is what the mean force of the step does along the part of the slip that slid
@@ -353,7 +353,7 @@ def tangential(spring, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
 
 
 @tangential.register
-def _(spring: None, beam, mu, bonded, k_n, f_n, slip, slip_rate, dt):
+def _(spring: None, beam, mu, bonded, k_n, pressed, slip, slip_rate, dt):
     return 0.0, 0.0, 0.0, 0.0
 
 
@@ -370,6 +370,30 @@ def damping(dashpot, k_n, inverse_mass):
 @damping.register
 def _(dashpot: None, k_n, inverse_mass):
     return 0.0
+
+
+@dispatched
+def brake(dashpot, k_n, inverse_mass, opening, overlap, touching, bonded):
+    """The dashpot's part of f_n, over k_n [m]; unless frozen together, floes do not pull as they part."""
+    part = -damping(dashpot, k_n, inverse_mass) / k_n * opening
+    return (part if bonded > 0.0 else max(part, -overlap)) if touching else 0.0
+
+
+@brake.register
+def _(dashpot: None, k_n, inverse_mass, opening, overlap, touching, bonded):
+    return 0.0
+
+
+@dispatched
+def braked(dashpot, damped_before, damped, met, opening, part):
+    """Impulse of a dashpot where floes met, for it acts at once with all its force; the energy that it lost."""
+    loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
+    return (0.5 * part * damped if met else 0.0), loss
+
+
+@braked.register
+def _(dashpot: None, damped_before, damped, met, opening, part):
+    return 0.0, 0.0
 
 
 @dispatched
@@ -465,28 +489,27 @@ def pair_force(
     held = hold(law.bonds, sigma, modulus, mean_radius, gap, shear, fibre, bonded, dt)
     now_bonded = 0.0 if failing else held
     touching = gap < 0.0 or now_bonded > 0.0
-    elastic = -k_n * gap if touching else 0.0
-    both = elastic - damping(law.dashpot, k_n, inverse_mass) * opening
-    # unless frozen together, floes do not pull each other as they part
-    f_n = (both if now_bonded > 0.0 else max(both, 0.0)) if touching else 0.0
-    damped = f_n - elastic
+    overlap = -gap if touching else 0.0
+    braking = brake(law.dashpot, k_n, inverse_mass, opening, overlap, touching, now_bonded)
+    pressed = overlap + braking
+    f_n, damped = k_n * pressed, k_n * braking
     part = dt if was_bonded else time_in_contact(law.friction, gap, opening, dt)
     f_t_before, f_t, kept, slip_loss = tangential(
-        spring, beam, mu, now_bonded, k_n, f_n, slip, slip_rate, part
+        spring, beam, mu, now_bonded, k_n, pressed, slip, slip_rate, part
     )
     moment, kept_bent, bend_loss = bending(beam, now_bonded, k_b, bent, turn_rate, dt)
     f_n_before = max(damped_before - k_n * (gap - opening * dt), 0.0)
     absent = 0.5 * (dt - part)
     blow_n = -absent * (f_n if touching else f_n_before)
     blow_t = -absent * (f_t if touching else f_t_before)
-    met = touching and part < dt  # a dashpot acts at once, with all its force
-    blow_n += 0.5 * part * damped if met else 0.0
+    met = touching and part < dt
+    dashpot_blow, dashpot_loss = braked(law.dashpot, damped_before, damped, met, opening, part)
+    blow_n += dashpot_blow
     breaks = was_bonded and not touching
     blow_n = -0.5 * dt * k_n * gap if breaks else blow_n
     snap_loss = 0.0 if failing else tied(beam, bonded, slip_loss, 0.0)
     friction_loss = slip_loss - snap_loss
     bond_loss = (0.5 * k_n * gap * gap if breaks else 0.0) + bend_loss + snap_loss
-    dashpot_loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
     whole = PairForce(
         f_n, f_t, moment, kept, now_bonded, damped, kept_bent, 0.0, 0.0, blow_n, blow_t,
         friction_loss, dashpot_loss, bond_loss, 0.0,

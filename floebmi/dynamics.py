@@ -17,12 +17,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from floebmi.contact import coefficient, lever_arm, pair_force, strength
+from floebmi.columns import PAIR_BUFFER
+from floebmi.contact import pair_force
 from floebmi.forces import (
     A_X,
     A_Y,
     ALPHA,
-    BLOCK,
     D_OMEGA,
     D_U,
     D_V,
@@ -38,15 +38,9 @@ from floebmi.forces import (
     accelerate,
     book,
 )
-from floebmi.kernels import dispatched, jit
+from floebmi.kernels import BLOCK, dispatched, jit
+from floebmi.pairs import Losses, narrow, recall, remember, settle, strike, touch_floes
 from floebmi.quantities import Count, Positive, PositiveFraction
-
-# Rows of the buffer of a block of pairs; as in forces.py, results lie below what they are computed from.
-FX, FY, TORQUE_I, TORQUE_J = (row * BLOCK for row in range(4))
-BLOW_X, BLOW_Y, BLOW_I, BLOW_J = (row * BLOCK for row in range(4, 8))
-DX, DY, R_I, R_J, H_I, H_J, DU, DV, W, OMEGA_I, OMEGA_J = (row * BLOCK for row in range(8, 19))
-MU, SIGMA = (row * BLOCK for row in range(19, 21))
-PAIR_BUFFER = 21 * BLOCK
 
 
 class Step(NamedTuple):
@@ -82,51 +76,6 @@ WALL = np.dtype(
         ("work", np.float64),  # done on the ice [J]
     ]
 )
-
-
-class Losses(NamedTuple):
-    """Energy lost in contacts [J], and bonds broken."""
-
-    friction: float
-    dashpot: float
-    bonds: float
-    failure: float
-    broken: float
-
-
-@dispatched
-def wrap(period, d):
-    """The nearest image of a distance in a periodic direction."""
-    return d - period * np.rint(d / period)
-
-
-@wrap.register
-def _(period: None, d):
-    return d
-
-
-@dispatched
-def recall(memory, p):
-    """What pair p remembers; nothing where nothing is remembered."""
-    return memory[
-        np.uintp(p)
-    ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
-
-
-@recall.register
-def _(memory: None, p):
-    return 0.0
-
-
-@dispatched
-def remember(memory, p, value):
-    """Keep a value in the slot of pair p."""
-    memory[np.uintp(p)] = value
-
-
-@remember.register
-def _(memory: None, p, value):
-    pass
 
 
 # ---- kick, drift, touch -----------------------------------------------------------------------------
@@ -339,16 +288,16 @@ def _(inverse_spin: None, first, n, inertia, h, constraint, buffer):
 
 @jit
 def touch(
-    law, wall_law, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, walls, wall_floe,
+    law, wall_law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, walls, wall_floe,
     wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint, buffer,
 ):  # fmt: skip
-    """Add the forces of pairs from begin to end, and of walls, at the present place.
+    """Add the forces of a part of the short list, which begins there in the list, and of walls, here and now.
 
     dt : time over which contacts have slipped
     Floes whose contact opened or closed in that time are struck, unless `inverse_x` is None.
     """
     losses = touch_floes(
-        law, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, dt, force,
+        law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force,
         inverse_x, inverse_y, inverse_spin, constraint, buffer,
     )  # fmt: skip
     wall_loss = touch_walls(
@@ -358,6 +307,22 @@ def touch(
     return Losses(
         losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.failure, losses.broken
     )
+
+
+@jit
+def touch_once(
+    law, wall_law, period_x, period_y, packed, pairs, near, gap, walls, wall_floe, wall_number,
+    wall_damped, constraint, buffer,
+):  # fmt: skip
+    """Add the forces at the present place, as a step leaves them."""
+    p = packed
+    narrow(period_x, period_y, p.floes, pairs, near, 0, 0, pairs.i.size, gap, 0.0)
+    touch(
+        law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction, p.tensile_strength,
+        near, 0, 0, walls, wall_floe, wall_number, wall_damped, 0.0, p.force, p.inverse_x,
+        p.inverse_y, p.inverse_spin, constraint, buffer,
+    )  # fmt: skip
+    settle(pairs, near, 0, 0)
 
 
 @jit
@@ -377,229 +342,6 @@ def forget_torque(spinning, force, first, n):
 
 @forget_torque.register
 def _(spinning: None, force, first, n):
-    pass
-
-
-@dispatched
-def touch_floes(
-    law, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, dt, force,
-    inverse_x, inverse_y, inverse_spin, constraint, buffer,
-):  # fmt: skip
-    pair_i, pair_j = pairs.i, pairs.j
-    slip, bonded, damped = pairs.slip, pairs.bonded, pairs.damped
-    bent, failed, slid = pairs.bent, pairs.failed, pairs.slid
-    friction_loss, dashpot_loss, bond_loss, failure_loss, broken = 0.0, 0.0, 0.0, 0.0, 0.0
-    for first in range(begin, end, BLOCK):
-        n = min(BLOCK, end - first)
-        for k in range(n):
-            i, j = pair_i[first + k], pair_j[first + k]
-            one, other = floes[i], floes[j]
-            buffer[DX + k] = other.x - one.x
-            buffer[DY + k] = other.y - one.y
-            buffer[R_I + k] = one.r
-            buffer[R_J + k] = other.r
-            buffer[H_I + k] = one.h
-            buffer[H_J + k] = other.h
-            buffer[DU + k] = other.u - one.u
-            buffer[DV + k] = other.v - one.v
-            buffer[W + k] = one.w + other.w
-            gather_spin(spinning, i, j, k, buffer)
-            gather_least(mu, i, j, MU + k, buffer)
-            gather_least(sigma, i, j, SIGMA + k, buffer)
-        for k in range(n):
-            dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
-            r_i, r_j = buffer[R_I + k], buffer[R_J + k]
-            distance = np.sqrt(dx * dx + dy * dy)
-            over = 1.0 / distance
-            nx, ny = dx * over, dy * over
-            gap = distance - (r_i + r_j)
-            a_i = lever_arm(law.friction, r_i, r_j, gap)
-            a_j = lever_arm(law.friction, r_j, r_i, gap)
-            du, dv = buffer[DU + k], buffer[DV + k]
-            opening = du * nx + dv * ny
-            slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
-            was_bonded = recall(bonded, first + k)
-            f = pair_force(
-                law, gap, opening, slip_rate, twisting(bent, k, buffer), r_i, r_j,
-                buffer[H_I + k], buffer[H_J + k], buffer[W + k],
-                least(mu, coefficient(law.friction), MU + k, buffer),
-                least(sigma, strength(law.bonds), SIGMA + k, buffer),
-                recall(slip, first + k), was_bonded, recall(damped, first + k),
-                recall(bent, first + k), recall(failed, first + k), recall(slid, first + k), dt,
-            )  # fmt: skip
-            remember(damped, first + k, f.damped)
-            remember(slip, first + k, f.slip)
-            remember(bonded, first + k, f.bonded)
-            remember(bent, first + k, f.bent)
-            remember(failed, first + k, f.failed)
-            remember(slid, first + k, f.slid)
-            friction_loss += f.friction_loss
-            dashpot_loss += f.dashpot_loss
-            bond_loss += f.bond_loss
-            failure_loss += f.failure_loss
-            broken += 1.0 if was_bonded > 0.0 and f.bonded <= 0.0 else 0.0
-            buffer[FX + k] = -f.f_n * nx - f.f_t * ny
-            buffer[FY + k] = -f.f_n * ny + f.f_t * nx
-            buffer[TORQUE_I + k] = f.f_t * a_i + f.moment
-            buffer[TORQUE_J + k] = f.f_t * a_j - f.moment
-            buffer[BLOW_X + k] = -f.blow_n * nx - f.blow_t * ny
-            buffer[BLOW_Y + k] = -f.blow_n * ny + f.blow_t * nx
-            buffer[BLOW_I + k] = f.blow_t * a_i
-            buffer[BLOW_J + k] = f.blow_t * a_j
-        for k in range(n):
-            i, j = pair_i[first + k], pair_j[first + k]
-            force[i].x += buffer[FX + k]
-            force[i].y += buffer[FY + k]
-            force[j].x -= buffer[FX + k]
-            force[j].y -= buffer[FY + k]
-            scatter_torque(spinning, i, j, k, buffer, force)
-        strike_floes(
-            inverse_x, inverse_y, inverse_spin, floes, spinning, pair_i, pair_j, first, n,
-            constraint, buffer,
-        )  # fmt: skip
-    return Losses(friction_loss, dashpot_loss, bond_loss, failure_loss, broken)
-
-
-@touch_floes.register
-def _(
-    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, begin, end, dt, force,
-    inverse_x, inverse_y, inverse_spin, constraint, buffer,
-):  # fmt: skip
-    return Losses(0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@dispatched
-def gather_spin(spinning, i, j, k, buffer):
-    buffer[OMEGA_I + k] = spinning[i].omega
-    buffer[OMEGA_J + k] = spinning[j].omega
-
-
-@gather_spin.register
-def _(spinning: None, i, j, k, buffer):
-    pass
-
-
-@dispatched
-def turning(spinning, a_i, a_j, k, buffer):
-    """Part of the slip rate that comes from rotation [m/s]."""
-    return a_i * buffer[OMEGA_I + k] + a_j * buffer[OMEGA_J + k]
-
-
-@turning.register
-def _(spinning: None, a_i, a_j, k, buffer):
-    return 0.0
-
-
-@dispatched
-def twisting(bent, k, buffer):
-    """Rate at which j turns against i [rad/s]."""
-    return buffer[OMEGA_J + k] - buffer[OMEGA_I + k]
-
-
-@twisting.register
-def _(bent: None, k, buffer):
-    return 0.0
-
-
-@dispatched
-def least_of(own, of_all, i, j):
-    """Of two floes with a property of their own, the pair has the smaller (eq. spread)."""
-    return min(own[i], own[j])
-
-
-@least_of.register
-def _(own: None, of_all, i, j):
-    return of_all
-
-
-@dispatched
-def gather_least(own, i, j, slot, buffer):
-    buffer[slot] = least_of(own, 0.0, i, j)
-
-
-@gather_least.register
-def _(own: None, i, j, slot, buffer):
-    pass
-
-
-@dispatched
-def least(own, of_all, slot, buffer):
-    """What was gathered, or what all floes have alike."""
-    return buffer[slot]
-
-
-@least.register
-def _(own: None, of_all, slot, buffer):
-    return of_all
-
-
-@dispatched
-def scatter_torque(spinning, i, j, k, buffer, force):
-    force[i].torque += buffer[TORQUE_I + k]
-    force[j].torque += buffer[TORQUE_J + k]
-
-
-@scatter_torque.register
-def _(spinning: None, i, j, k, buffer, force):
-    pass
-
-
-@dispatched
-def strike_floes(
-    inverse_x,
-    inverse_y,
-    inverse_spin,
-    floes,
-    spinning,
-    pair_i,
-    pair_j,
-    first,
-    n,
-    constraint,
-    buffer,
-):
-    """Blows of the contacts that opened or closed: few, at once, of opposite sign on both floes."""
-    for k in range(n):
-        x, y = buffer[BLOW_X + k], buffer[BLOW_Y + k]
-        if x == 0.0 and y == 0.0:
-            continue
-        i, j = pair_i[first + k], pair_j[first + k]
-        strike(inverse_x, inverse_y, floes, i, x, y, constraint)
-        strike(inverse_x, inverse_y, floes, j, -x, -y, constraint)
-        strike_spin(inverse_spin, spinning, i, buffer[BLOW_I + k], constraint)
-        strike_spin(inverse_spin, spinning, j, buffer[BLOW_J + k], constraint)
-
-
-@strike_floes.register
-def _(
-    inverse_x: None, inverse_y, inverse_spin, floes, spinning, pair_i, pair_j, first, n, constraint,
-    buffer,
-):  # fmt: skip
-    pass
-
-
-@jit
-def strike(inverse_x, inverse_y, floes, k, x, y, constraint):
-    """An impulse on a floe; a held axis hands it on to what holds it."""
-    floes[k].u += inverse_x[k] * x
-    floes[k].v += inverse_y[k] * y
-    if inverse_x[k] == 0.0:
-        constraint[0] -= x
-        constraint[2] -= x * floes[k].u
-    if inverse_y[k] == 0.0:
-        constraint[1] -= y
-        constraint[2] -= y * floes[k].v
-
-
-@dispatched
-def strike_spin(inverse_spin, spinning, k, angular_impulse, constraint):
-    spinning[k].omega += inverse_spin[k] * angular_impulse
-    if inverse_spin[k] == 0.0:
-        constraint[2] -= angular_impulse * spinning[k].omega
-
-
-@strike_spin.register
-def _(inverse_spin: None, spinning, k, angular_impulse, constraint):
     pass
 
 
@@ -701,19 +443,21 @@ def end_steps(packed, walls, dt, constraint):
 
 @jit
 def verlet(
-    law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe, wall_number,
-    wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin, drag_every, lag,
+    law, wall_law, forces, at, period_x, period_y, packed, pairs, near, gap, near_skin, walls, wall_floe,
+    wall_number, wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin,
+    drag_every, lag,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
 
     The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
     are kicked and drift a block at a time, while they are in the cache.
 
+    gap, near_skin : the short list holds pairs nearer than these and a step's way, see `pairs.narrow`
     lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
     """
     p = packed
     pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
-    done, kicked = 0, 0.5 * dt
+    done, kicked, since = 0, 0.5 * dt, np.inf
     while done < steps and travelled < half_skin:
         lag[0] += dt
         lag[1] += 1.0
@@ -725,14 +469,21 @@ def verlet(
         )  # fmt: skip
         if due:
             lag[:] = 0.0
+        way = dt * np.sqrt(fastest)
+        since += way
+        if since > 0.5 * near_skin:
+            narrow(period_x, period_y, p.floes, pairs, near, 0, 0, pairs.i.size, gap,
+                   near_skin + 2.0 * way)  # fmt: skip
+            since = 0.0
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
-            p.tensile_strength, pairs, 0, pairs.i.size, walls, wall_floe, wall_number, wall_damped, dt,
+            p.tensile_strength, near, 0, 0, walls, wall_floe, wall_number, wall_damped, dt,
             p.force, p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
-        travelled += dt * np.sqrt(fastest)
+        travelled += way
         done, kicked = done + 1, dt
+    settle(pairs, near, 0, 0)
     if done > 0:
         end_steps(p, walls, dt, constraint)
     return done, travelled
@@ -740,8 +491,8 @@ def verlet(
 
 @jit
 def taylor(
-    third_order, law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe,
-    wall_number, wall_damped, constraint, losses, dt, steps, travelled, half_skin,
+    third_order, law, wall_law, forces, at, period_x, period_y, packed, pairs, near, gap, near_skin,
+    walls, wall_floe, wall_number, wall_damped, constraint, losses, dt, steps, travelled, half_skin,
 ):  # fmt: skip
     """The paper's schemes: forces at the old place and velocity, then one Taylor step.
 
@@ -751,12 +502,17 @@ def taylor(
     """
     p = packed
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.zeros(FORCE_BUFFER)
-    done = 0
+    done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force, 0, p.floes.size)
+        since += way
+        if since > 0.5 * near_skin:
+            narrow(period_x, period_y, p.floes, pairs, near, 0, 0, pairs.i.size, gap,
+                   near_skin + 2.0 * way)  # fmt: skip
+            since = 0.0
         lost = touch(
             law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
-            p.tensile_strength, pairs, 0, pairs.i.size, walls, wall_floe, wall_number, wall_damped, dt,
+            p.tensile_strength, near, 0, 0, walls, wall_floe, wall_number, wall_damped, dt,
             p.force, None, None, None, constraint, pair_buffer,
         )  # fmt: skip
         book_losses(losses, lost)
@@ -797,9 +553,10 @@ def taylor(
                 constraint[1] -= dt * p.force[k].y
                 constraint[2] -= dt * p.force[k].y * p.floes[k].v
         kick_walls(walls, dt)
-        fastest = max(fastest, drift_walls(walls, dt))
-        travelled += dt * np.sqrt(fastest)
+        way = dt * np.sqrt(max(fastest, drift_walls(walls, dt)))
+        travelled += way
         done += 1
+    settle(pairs, near, 0, 0)
     return done, travelled
 
 

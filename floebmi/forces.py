@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from floebmi.kernels import dispatched, jit
+from floebmi.kernels import BLOCK, dispatched, jit
 from floebmi.quantities import NonNegative, Positive
 
 
@@ -295,7 +295,6 @@ def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> np.
 
 # ---- the sum over the forces that a scene lists: unrolled by the compiler, nothing for none ---------
 
-BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 # Rows of the buffer of a block of floes.  Results lie below what they are computed from: only so can the
 # compiler see that no later floe reads what an earlier one wrote.
 BOOK_X, BOOK_Y, BOOK_WORK, D_U, D_V, D_OMEGA, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, ALPHA, SLOPE, U, V, OMEGA = (

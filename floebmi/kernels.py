@@ -19,11 +19,14 @@ import platformdirs
 from numba.extending import overload
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
+BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 
 
 def _cache_folder() -> str:
     sources = (path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-    jitted = b"".join(source for source in sources if b"kernels import" in source)
+    jitted = b"".join(
+        source for source in sources if b"kernels import" in source or b"from numba" in source
+    )
     digest = hashlib.sha256(jitted).hexdigest()[:16]
     root = os.environ.get("FLOEBMI_CACHE") or platformdirs.user_cache_dir("floebmi")
     return str(Path(root) / "kernels" / digest)

@@ -59,7 +59,8 @@ from floebmi.gridding import (
     pressure,
 )
 from floebmi.overlaps import overlapping
-from floebmi.pack import Contacts, PairList, look, remembered
+from floebmi.pack import Contacts, look, remembered
+from floebmi.pairs import PairList
 from floebmi.quantities import check, words
 from floebmi.sampling import (
     Coverage,

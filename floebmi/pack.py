@@ -21,11 +21,11 @@ from floebmi.contact import (
     stored,
     strength,
 )
-from floebmi.dynamics import Step, least_of, recall, wrap
+from floebmi.dynamics import Step
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
-from floebmi.forces import BLOCK
-from floebmi.kernels import dispatched, jit
+from floebmi.kernels import BLOCK, dispatched, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
+from floebmi.pairs import PairList, least_of, recall, wrap
 
 
 def _record(*names: str) -> np.dtype:
@@ -35,17 +35,25 @@ def _record(*names: str) -> np.dtype:
 # A large pack is cut into chunks for threads: at least so many floes each, and no more chunks than this.
 CHUNK, CHUNKS = 25_000, 8
 
-# a floe is one line of the cache; w is 1/m, or 0 for a floe that nothing moves
-SPINNING = _record("x", "y", "r", "h", "u", "v", "w", "omega")
-MOVING = _record("x", "y", "r", "h", "u", "v", "w", "unused")
+# a floe is one line of the cache, in the order of `columns.gather`; w is 1/m, or 0 for a floe that nothing moves
+SPINNING = _record("x", "y", "u", "v", "r", "h", "omega", "w")
+MOVING = _record("x", "y", "u", "v", "r", "h", "unused", "w")
 FORCE = _record("x", "y")
-FORCE_AND_TORQUE = _record("x", "y", "torque")
+FORCE_AND_TORQUE = _record("x", "y", "torque", "unused")
+
+
+def _lines(n: int, kind: np.dtype) -> np.ndarray:
+    """n zero records that begin where a line of the cache does."""
+    line = 64
+    room = np.zeros(n * kind.itemsize + line, np.uint8)
+    first = -room.ctypes.data % line
+    return room[first : first + n * kind.itemsize].view(kind).view(np.recarray)
 
 
 class Packed(NamedTuple):
     """The floes in a kernel's order."""
 
-    floes: np.ndarray  # x, y, r, h, u, v, w
+    floes: np.ndarray  # x, y, u, v, r, h, w
     spinning: np.ndarray | None  # the same records, if they have an omega
     force: np.ndarray  # x, y (and torque)
     number: np.ndarray  # the floe's number for ever
@@ -66,29 +74,6 @@ class Packed(NamedTuple):
     tensile_strength: np.ndarray | None
 
 
-class PairList(NamedTuple):
-    """Candidate pairs and what they remember; see `contact.memories`."""
-
-    start: np.ndarray
-    i: np.ndarray
-    j: np.ndarray
-    slip: np.ndarray | None = None  # of the spring along t [m]
-    bonded: np.ndarray | None = None  # see `bonds.hold`
-    bent: np.ndarray | None = None  # angle of j against i since they bonded [rad]
-    failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes part
-    slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
-    damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
-    seam: np.ndarray | None = None  # rows, like `start`, of pairs across seams between chunks
-    parts: np.ndarray | None = (
-        None  # where the pairs of each chunk, and last of the seams, begin and end
-    )
-
-    def memory(self) -> dict[str, np.ndarray]:
-        """What lasts beyond the list, by name."""
-        named = {name: getattr(self, name) for name in ("slip", "bonded", "bent", "failed", "slid")}
-        return {name: values for name, values in named.items() if values is not None}
-
-
 def pack(
     floes: Floes,
     density: float,
@@ -107,7 +92,7 @@ def pack(
         number = number[sort_in_space(floes.x[number], floes.y[number], floes.radius[number])]
     n = len(number)
     rotation = floes.rotation
-    records = np.zeros(n, SPINNING if rotation else MOVING)
+    records = _lines(n, SPINNING if rotation else MOVING)
     bits = floes.motion[number]
     mass = floes.mass(density)[number]
     first_x, first_y = floes.x[number] - origin[0], floes.y[number] - origin[1]
@@ -127,8 +112,7 @@ def pack(
         inertia = 0.5 * mass * radius**2
         inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
         angle = floes.angle[number]
-    force = np.zeros(n, FORCE_AND_TORQUE if rotation else FORCE).view(np.recarray)
-    records = records.view(np.recarray)
+    force = _lines(n, FORCE_AND_TORQUE if rotation else FORCE)
     return Packed(
         records,
         records if rotation else None,
@@ -179,11 +163,19 @@ def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
     """How far a floe may interact [m]: its radius, the gap that a bond spans, half the skin."""
     if contact is None:
         return np.ascontiguousarray(packed.floes.r)
+    return packed.floes.r * (1.0 + widest_gap(packed, contact)) + 0.5 * skin
+
+
+def widest_gap(packed: Packed, contact: Contact | None) -> float:
+    """The widest gap that a bond spans, over the sum of radii [1]."""
+    if contact is None:
+        return 0.0
     strongest = packed.tensile_strength
     if strongest is None:
         strongest = strength(contact.bonds)
-    gap = stretch(strongest, contact.elastic.youngs_modulus)
-    return packed.floes.r * (1.0 + gap) + 0.5 * skin
+    else:
+        strongest = strongest.max(initial=0.0)
+    return float(stretch(strongest, contact.elastic.youngs_modulus))
 
 
 class Chunks(NamedTuple):

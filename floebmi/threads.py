@@ -12,23 +12,27 @@ from typing import Any
 
 import numpy as np
 
-from floebmi.dynamics import PAIR_BUFFER, book_losses, end_steps, move, move_walls, touch
+from floebmi.columns import PAIR_BUFFER
+from floebmi.dynamics import book_losses, end_steps, move, move_walls, touch
 from floebmi.forces import FORCE_BUFFER
+from floebmi.pairs import narrow, settle
 
 
 def verlet(
-    threads, chunks, law, wall_law, forces, at, period_x, period_y, packed, pairs, walls, wall_floe,
-    wall_number, wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin, drag_every, lag,
+    threads, chunks, law, wall_law, forces, at, period_x, period_y, packed, pairs, near, gap, near_skin,
+    walls, wall_floe, wall_number, wall_damped, constraint, losses, dt, steps, substeps, travelled,
+    half_skin, drag_every, lag,
 ):  # fmt: skip
     """`dynamics.verlet` in chunks; kernels release the GIL, so that threads of Python will do."""
     p, bounds, parts, numbers = packed, chunks.bounds, chunks.parts, range(len(chunks.bounds) - 1)
     held = np.zeros((len(numbers), 3))
     pair_buffers = np.empty((len(numbers) + 1, PAIR_BUFFER))
     force_buffers = np.empty((len(numbers), FORCE_BUFFER))
-    fixed = p.floes, p.spinning, p.friction, p.tensile_strength, pairs
+    fixed = p.floes, p.spinning, p.friction, p.tensile_strength, near
+    seams = len(numbers)
     inverse = p.inverse_x, p.inverse_y, p.inverse_spin
     threads = min(threads, len(numbers))
-    done, kicked = 0, 0.5 * dt
+    done, kicked, since = 0, 0.5 * dt, np.inf
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
 
         def each(work: Callable[[int], Any]) -> list[Any]:
@@ -47,10 +51,16 @@ def verlet(
                 force_buffers[c],
             )  # fmt: skip
 
+        def narrow_part(c: int) -> None:
+            narrow(period_x, period_y, p.floes, pairs, near, c, parts[c], parts[c + 1], gap,
+                   near_skin + 2.0 * way)  # fmt: skip
+
         def touch_chunk(c: int) -> tuple:
+            if renew:
+                narrow_part(c)
             return touch(
-                law, None, period_x, period_y, *fixed, parts[c], parts[c + 1], None, wall_floe,
-                wall_number, None, dt, p.force, *inverse, held[c], pair_buffers[c],
+                law, None, period_x, period_y, *fixed, c, parts[c], None, wall_floe, wall_number,
+                None, dt, p.force, *inverse, held[c], pair_buffers[c],
             )  # fmt: skip
 
         while done < steps and travelled < half_skin:
@@ -60,15 +70,22 @@ def verlet(
             fastest = max(move_walls(walls, kicked, dt), *each(move_chunk))
             if due:
                 lag[:] = 0.0
+            way = dt * np.sqrt(fastest)
+            renew = since + way > 0.5 * near_skin
+            since = 0.0 if renew else since + way
             for lost in each(touch_chunk):
                 book_losses(losses, lost)
+            if renew:
+                narrow_part(seams)
             lost = touch(
-                law, wall_law, period_x, period_y, *fixed, parts[-2], parts[-1], walls, wall_floe,
+                law, wall_law, period_x, period_y, *fixed, seams, parts[seams], walls, wall_floe,
                 wall_number, wall_damped, dt, p.force, *inverse, constraint, pair_buffers[-1],
             )  # fmt: skip
             book_losses(losses, lost)
-            travelled += dt * np.sqrt(fastest)
+            travelled += way
             done, kicked = done + 1, dt
+    for c in range(seams + 1):
+        settle(pairs, near, c, parts[c])
     if done > 0:
         end_steps(p, walls, dt, constraint)
     constraint += held.sum(axis=0)

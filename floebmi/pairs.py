@@ -1,0 +1,379 @@
+"""Pairs of floes: the list of those that may touch, the short list of those about to, and their forces.
+
+The list (neighbours.py) holds all pairs that may touch before it is renewed.  Most of them do not, so the kernels
+keep a second list of those so close that they may touch in the next few steps, and step with that one alone
+(eq. near).  What a pair remembers is carried along in it, side by side.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.columns import (
+    BLOW_N,
+    BLOW_T,
+    DU,
+    DV,
+    DX,
+    DY,
+    FX,
+    FY,
+    H_I,
+    H_J,
+    LANES,
+    MU,
+    OMEGA_I,
+    OMEGA_J,
+    R_I,
+    R_J,
+    SIGMA,
+    TORQUE_I,
+    TORQUE_J,
+    W_I,
+    W_J,
+    gather,
+    scatter,
+)  # fmt: skip
+from floebmi.contact import coefficient, lever_arm, pair_force, strength
+from floebmi.kernels import BLOCK, dispatched, jit
+
+
+class PairList(NamedTuple):
+    """Candidate pairs and what they remember; see `contact.memories`."""
+
+    start: np.ndarray | None
+    i: np.ndarray
+    j: np.ndarray
+    slip: np.ndarray | None = None  # of the spring along t [m]
+    bonded: np.ndarray | None = None  # see `bonds.hold`
+    bent: np.ndarray | None = None  # angle of j against i since they bonded [rad]
+    failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes part
+    slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
+    damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What lasts beyond the list, by name."""
+        named = {name: getattr(self, name) for name in ("slip", "bonded", "bent", "failed", "slid")}
+        return {name: values for name, values in named.items() if values is not None}
+
+
+class Near(NamedTuple):
+    """The short list: pairs of a `PairList` that are close, by part of it, with room for all of them.
+
+    slot : their places in the list; pairs : their floes and what they remember; counts : how many, of each part
+    """
+
+    slot: np.ndarray
+    pairs: PairList
+    counts: np.ndarray
+
+
+def near_of(pairs: PairList, parts: int) -> Near:
+    """Room for the short list of a list in so many parts, each with space to fill its last four."""
+    room = len(pairs.i) + parts * LANES
+    i, j, *memory = (
+        None if values is None else np.empty(room, values.dtype) for values in pairs[1:]
+    )
+    return Near(np.empty(room, np.uint32), PairList(None, i, j, *memory), np.zeros(parts, np.int64))
+
+
+class Losses(NamedTuple):
+    """Energy lost in contacts [J], and bonds broken."""
+
+    friction: float
+    dashpot: float
+    bonds: float
+    failure: float
+    broken: float
+
+
+@dispatched
+def wrap(period, d):
+    """The nearest image of a distance in a periodic direction."""
+    return d - period * np.rint(d / period)
+
+
+@wrap.register
+def _(period: None, d):
+    return d
+
+
+@dispatched
+def recall(memory, p):
+    """What pair p remembers; nothing where nothing is remembered."""
+    return memory[
+        np.uintp(p)
+    ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
+
+
+@recall.register
+def _(memory: None, p):
+    return 0.0
+
+
+@dispatched
+def remember(memory, p, value):
+    """Keep a value in the slot of pair p."""
+    memory[np.uintp(p)] = value
+
+
+@remember.register
+def _(memory: None, p, value):
+    pass
+
+
+# ---- the short list -----------------------------------------------------------------------------------
+
+
+@jit
+def narrow(period_x, period_y, floes, pairs, near, part, begin, end, gap, margin):
+    """List anew the pairs of a part, begin to end of the list, that are nearer than a gap and a margin.
+
+    gap : of a bond about to break, over the sum of radii [1]; margin [m]
+    """
+    settle(pairs, near, part, begin)
+    first = last = begin + LANES * part
+    for p in range(begin, end):
+        i, j = pairs.i[p], pairs.j[p]
+        one, other = floes[i], floes[j]
+        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+        reach = (one.r + other.r) * (1.0 + gap) + margin
+        near.slot[last], near.pairs.i[last], near.pairs.j[last] = p, i, j
+        last += not dx * dx + dy * dy >= reach * reach  # what is not a number stays in
+    for q in range(
+        last, last + LANES
+    ):  # `gather` and `scatter` take four: the last floe again, and nothing
+        near.pairs.i[q] = near.pairs.j[q] = near.pairs.i[max(last - 1, first)]
+    n = last - first
+    near.counts[part] = n
+    take(pairs.slip, near.pairs.slip, near.slot, first, n)
+    take(pairs.bonded, near.pairs.bonded, near.slot, first, n)
+    take(pairs.bent, near.pairs.bent, near.slot, first, n)
+    take(pairs.failed, near.pairs.failed, near.slot, first, n)
+    take(pairs.slid, near.pairs.slid, near.slot, first, n)
+    take(pairs.damped, near.pairs.damped, near.slot, first, n)
+
+
+@jit
+def settle(pairs, near, part, begin):
+    """Back into the list what pairs of the short list remember."""
+    first, n = begin + LANES * part, near.counts[part]
+    near.counts[part] = 0
+    give(pairs.slip, near.pairs.slip, near.slot, first, n)
+    give(pairs.bonded, near.pairs.bonded, near.slot, first, n)
+    give(pairs.bent, near.pairs.bent, near.slot, first, n)
+    give(pairs.failed, near.pairs.failed, near.slot, first, n)
+    give(pairs.slid, near.pairs.slid, near.slot, first, n)
+    give(pairs.damped, near.pairs.damped, near.slot, first, n)
+
+
+@dispatched
+def take(memory, near_memory, slot, first, n):
+    for q in range(first, first + n):
+        near_memory[q] = memory[slot[q]]
+
+
+@take.register
+def _(memory: None, near_memory, slot, first, n):
+    pass
+
+
+@dispatched
+def give(memory, near_memory, slot, first, n):
+    for q in range(first, first + n):
+        memory[slot[q]] = near_memory[q]
+
+
+@give.register
+def _(memory: None, near_memory, slot, first, n):
+    pass
+
+
+# ---- forces -------------------------------------------------------------------------------------------
+
+
+@dispatched
+def touch_floes(
+    law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force,
+    inverse_x, inverse_y, inverse_spin, constraint, buffer,
+):  # fmt: skip
+    pairs, begin = near.pairs, begin + LANES * part
+    end = begin + near.counts[part]
+    pair_i, pair_j = pairs.i, pairs.j
+    slip, bonded, damped = pairs.slip, pairs.bonded, pairs.damped
+    bent, failed, slid = pairs.bent, pairs.failed, pairs.slid
+    friction_loss, dashpot_loss, bond_loss, failure_loss, broken = 0.0, 0.0, 0.0, 0.0, 0.0
+    for first in range(begin, end, BLOCK):
+        n = min(BLOCK, end - first)
+        blows = 0.0
+        for k in range(0, n, LANES):
+            gather(floes, pair_i, pair_j, first, buffer, k)
+        gather_least(mu, pair_i, pair_j, first, n, MU, buffer)
+        gather_least(sigma, pair_i, pair_j, first, n, SIGMA, buffer)
+        for k in range(n):
+            dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
+            r_i, r_j = buffer[R_I + k], buffer[R_J + k]
+            distance = np.sqrt(dx * dx + dy * dy)
+            over = 1.0 / distance
+            nx, ny = dx * over, dy * over
+            gap = distance - (r_i + r_j)
+            a_i = lever_arm(law.friction, r_i, r_j, gap)
+            a_j = lever_arm(law.friction, r_j, r_i, gap)
+            du, dv = buffer[DU + k], buffer[DV + k]
+            opening = du * nx + dv * ny
+            slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
+            was_bonded = recall(bonded, first + k)
+            f = pair_force(
+                law, gap, opening, slip_rate, twisting(bent, k, buffer), r_i, r_j,
+                buffer[H_I + k], buffer[H_J + k], buffer[W_I + k] + buffer[W_J + k],
+                least(mu, coefficient(law.friction), MU + k, buffer),
+                least(sigma, strength(law.bonds), SIGMA + k, buffer),
+                recall(slip, first + k), was_bonded, recall(damped, first + k),
+                recall(bent, first + k), recall(failed, first + k), recall(slid, first + k), dt,
+            )  # fmt: skip
+            remember(damped, first + k, f.damped)
+            remember(slip, first + k, f.slip)
+            remember(bonded, first + k, f.bonded)
+            remember(bent, first + k, f.bent)
+            remember(failed, first + k, f.failed)
+            remember(slid, first + k, f.slid)
+            friction_loss += f.friction_loss
+            dashpot_loss += f.dashpot_loss
+            bond_loss += f.bond_loss
+            failure_loss += f.failure_loss
+            broken += 1.0 if was_bonded > 0.0 and f.bonded <= 0.0 else 0.0
+            buffer[FX + k] = -f.f_n * nx - f.f_t * ny
+            buffer[FY + k] = -f.f_n * ny + f.f_t * nx
+            buffer[TORQUE_I + k] = f.f_t * a_i + f.moment
+            buffer[TORQUE_J + k] = f.f_t * a_j - f.moment
+            buffer[BLOW_N + k], buffer[BLOW_T + k] = f.blow_n, f.blow_t
+            blows += abs(f.blow_n) + abs(f.blow_t)
+        for k in range(n, n + (-n) % LANES):
+            buffer[FX + k] = buffer[FY + k] = buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
+        for k in range(0, n, LANES):
+            scatter(force, pair_i, pair_j, first, buffer, k)
+        if blows > 0.0:
+            strike_floes(
+                inverse_x, inverse_y, inverse_spin, law.friction, period_x, period_y, floes,
+                spinning, pair_i, pair_j, first, n, constraint, buffer,
+            )  # fmt: skip
+    return Losses(friction_loss, dashpot_loss, bond_loss, failure_loss, broken)
+
+
+@touch_floes.register
+def _(
+    law: None, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force,
+    inverse_x, inverse_y, inverse_spin, constraint, buffer,
+):  # fmt: skip
+    return Losses(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dispatched
+def turning(spinning, a_i, a_j, k, buffer):
+    """Part of the slip rate that comes from rotation [m/s]."""
+    return a_i * buffer[OMEGA_I + k] + a_j * buffer[OMEGA_J + k]
+
+
+@turning.register
+def _(spinning: None, a_i, a_j, k, buffer):
+    return 0.0
+
+
+@dispatched
+def twisting(bent, k, buffer):
+    """Rate at which j turns against i [rad/s]."""
+    return buffer[OMEGA_J + k] - buffer[OMEGA_I + k]
+
+
+@twisting.register
+def _(bent: None, k, buffer):
+    return 0.0
+
+
+@dispatched
+def least_of(own, of_all, i, j):
+    """Of two floes with a property of their own, the pair has the smaller (eq. spread)."""
+    return min(own[i], own[j])
+
+
+@least_of.register
+def _(own: None, of_all, i, j):
+    return of_all
+
+
+@dispatched
+def gather_least(own, pair_i, pair_j, first, n, row, buffer):
+    for k in range(n):
+        buffer[row + k] = least_of(own, 0.0, pair_i[first + k], pair_j[first + k])
+
+
+@gather_least.register
+def _(own: None, pair_i, pair_j, first, n, row, buffer):
+    pass
+
+
+@dispatched
+def least(own, of_all, slot, buffer):
+    """What was gathered, or what all floes have alike."""
+    return buffer[slot]
+
+
+@least.register
+def _(own: None, of_all, slot, buffer):
+    return of_all
+
+
+@dispatched
+def strike_floes(
+    inverse_x, inverse_y, inverse_spin, friction, period_x, period_y, floes, spinning, pair_i, pair_j,
+    first, n, constraint, buffer,
+):  # fmt: skip
+    """Blows of the contacts that opened or closed: few, at once, of opposite sign on both floes."""
+    for k in range(n):
+        blow_n, blow_t = buffer[BLOW_N + k], buffer[BLOW_T + k]
+        if blow_n == 0.0 and blow_t == 0.0:
+            continue
+        i, j = pair_i[first + k], pair_j[first + k]
+        dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
+        r_i, r_j = buffer[R_I + k], buffer[R_J + k]
+        distance = np.sqrt(dx * dx + dy * dy)
+        nx, ny, gap = dx / distance, dy / distance, distance - (r_i + r_j)
+        x, y = -blow_n * nx - blow_t * ny, -blow_n * ny + blow_t * nx
+        strike(inverse_x, inverse_y, floes, i, x, y, constraint)
+        strike(inverse_x, inverse_y, floes, j, -x, -y, constraint)
+        a_i, a_j = lever_arm(friction, r_i, r_j, gap), lever_arm(friction, r_j, r_i, gap)
+        strike_spin(inverse_spin, spinning, i, blow_t * a_i, constraint)
+        strike_spin(inverse_spin, spinning, j, blow_t * a_j, constraint)
+
+
+@strike_floes.register
+def _(
+    inverse_x: None, inverse_y, inverse_spin, friction, period_x, period_y, floes, spinning, pair_i,
+    pair_j, first, n, constraint, buffer,
+):  # fmt: skip
+    pass
+
+
+@jit
+def strike(inverse_x, inverse_y, floes, k, x, y, constraint):
+    """An impulse on a floe; a held axis hands it on to what holds it."""
+    floes[k].u += inverse_x[k] * x
+    floes[k].v += inverse_y[k] * y
+    if inverse_x[k] == 0.0:
+        constraint[0] -= x
+        constraint[2] -= x * floes[k].u
+    if inverse_y[k] == 0.0:
+        constraint[1] -= y
+        constraint[2] -= y * floes[k].v
+
+
+@dispatched
+def strike_spin(inverse_spin, spinning, k, angular_impulse, constraint):
+    spinning[k].omega += inverse_spin[k] * angular_impulse
+    if inverse_spin[k] == 0.0:
+        constraint[2] -= angular_impulse * spinning[k].omega
+
+
+@strike_spin.register
+def _(inverse_spin: None, spinning, k, angular_impulse, constraint):
+    pass
