@@ -40,7 +40,7 @@ from floebmi.threads import verlet as verlet_in_chunks
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Of the smallest radius; wider where sizes differ much, since few of the pairs then move.
 SKIN = 0.3
-NEAR = 0.15  # the skin of the short list, of that one
+NEAR = 0.1  # the skin of the short list, of that one
 
 
 @dataclass

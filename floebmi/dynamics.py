@@ -83,15 +83,43 @@ WALL = np.dtype(
 
 @jit
 def kick(
-    floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, first, n, dt, constraint
-):
-    """Contact forces change the velocities of a block of floes for a time dt; held ones are booked."""
+    floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, first, n, dt, kept, constraint
+):  # fmt: skip
+    """Contact forces change the velocities of a block of floes for a time dt; held ones are booked.
+
+    kept : 1, or 0 where the forces are used up
+    """
+    if held.size > 0:
+        hold_kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, first, n, dt,
+                  constraint)  # fmt: skip
     for k in range(first, first + n):
-        floes[k].u += dt * inverse_x[k] * force[k].x
-        floes[k].v += dt * inverse_y[k] * force[k].y
-    kick_spin(spinning, force, inverse_spin, first, n, dt)
-    if held.size == 0:
-        return
+        kick_one(floes, spinning, force, inverse_x, inverse_y, inverse_spin, np.uintp(k), dt, kept)
+
+
+@jit
+def kick_one(floes, spinning, force, inverse_x, inverse_y, inverse_spin, k, dt, kept):
+    floe, f = floes[k], force[k]
+    floe.u += dt * inverse_x[k] * f.x
+    floe.v += dt * inverse_y[k] * f.y
+    f.x *= kept
+    f.y *= kept
+    kick_spin(spinning, inverse_spin, f, k, dt, kept)
+
+
+@dispatched
+def kick_spin(spinning, inverse_spin, f, k, dt, kept):
+    spinning[k].omega += dt * inverse_spin[k] * f.torque
+    f.torque *= kept
+
+
+@kick_spin.register
+def _(spinning: None, inverse_spin, f, k, dt, kept):
+    pass
+
+
+@jit
+def hold_kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, first, n, dt, constraint):
+    """What holds an axis takes up the contact forces along it."""
     for k in range(first, first + n):
         if inverse_x[k] == 0.0:
             constraint[0] -= dt * force[k].x
@@ -100,17 +128,6 @@ def kick(
             constraint[1] -= dt * force[k].y
             constraint[2] -= dt * force[k].y * floes[k].v
     hold_kick_back(spinning, force, inverse_spin, first, n, dt, constraint)
-
-
-@dispatched
-def kick_spin(spinning, force, inverse_spin, first, n, dt):
-    for k in range(first, first + n):
-        spinning[k].omega += dt * inverse_spin[k] * force[k].torque
-
-
-@kick_spin.register
-def _(spinning: None, force, inverse_spin, first, n, dt):
-    pass
 
 
 @dispatched
@@ -149,35 +166,67 @@ def drift(
 
     Returns the largest speed² [m²/s²].
     """
-    fastest = 0.0
     half = 0.5 * dt
     for k in range(n):
-        floe = floes[first + k]
+        floe = floes[np.uintp(first + k)]
         floe.x += half * floe.u
         floe.y += half * floe.v
         buffer[U + k], buffer[V + k] = floe.u, floe.v
     turn_half(spinning, angle, first, n, half, buffer)
-    if len(forces) > 0:
-        for _ in range(parts):
-            push(
-                forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin,
-                held, pushed / parts, constraint, buffer,
-            )  # fmt: skip
+    for _ in range(parts):
+        push(
+            forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin,
+            held, pushed / parts, constraint, buffer,
+        )  # fmt: skip
+    fastest = 0.0
     for k in range(n):
-        floe = floes[first + k]
-        floe.u, floe.v = buffer[U + k], buffer[V + k]
-        floe.x += half * floe.u
-        floe.y += half * floe.v
-        fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
+        floe = floes[np.uintp(first + k)]
+        u, v = buffer[U + k], buffer[V + k]
+        floe.u, floe.v = u, v
+        floe.x += half * u
+        floe.y += half * v
+        fastest = max(fastest, u * u + v * v)
     turn_other_half(spinning, angle, first, n, half, buffer)
     return fastest
+
+
+@jit
+def glide(p, begin, end, kicked, dt, constraint):
+    """Kick and drift floes on which nothing but contacts acts; returns the largest speed²."""
+    if p.held.size > 0:
+        hold_kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
+                  begin, end - begin, kicked, constraint)  # fmt: skip
+    fastest = 0.0
+    for k in range(begin, end):
+        k = np.uintp(k)
+        kick_one(
+            p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, k, kicked, 0.0
+        )
+        floe = p.floes[k]
+        floe.x += dt * floe.u
+        floe.y += dt * floe.v
+        fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
+        turn(p.spinning, p.angle, k, dt)
+    return fastest
+
+
+@dispatched
+def turn(spinning, angle, k, dt):
+    angle[k] += dt * spinning[k].omega
+
+
+@turn.register
+def _(spinning: None, angle, k, dt):
+    pass
 
 
 @dispatched
 def turn_half(spinning, angle, first, n, half, buffer):
     for k in range(n):
-        buffer[OMEGA + k] = spinning[first + k].omega
-        angle[first + k] += half * buffer[OMEGA + k]
+        floe = np.uintp(first + k)
+        omega = spinning[floe].omega
+        buffer[OMEGA + k] = omega
+        angle[floe] += half * omega
 
 
 @turn_half.register
@@ -188,8 +237,9 @@ def _(spinning: None, angle, first, n, half, buffer):
 @dispatched
 def turn_other_half(spinning, angle, first, n, half, buffer):
     for k in range(n):
-        spinning[first + k].omega = buffer[OMEGA + k]
-        angle[first + k] += half * buffer[OMEGA + k]
+        floe, omega = np.uintp(first + k), buffer[OMEGA + k]
+        spinning[floe].omega = omega
+        angle[floe] += half * omega
 
 
 @turn_other_half.register
@@ -409,13 +459,14 @@ def _(inverse_x: None, inverse_y, floes, k, wall, along_x, impulse, constraint):
 def move(
     forces, at, packed, begin, end, kicked, dt, pushed, substeps, due, constraint, buffer
 ):  # fmt: skip
-    """Kick, forget, drift floes from begin, a multiple of BLOCK, to end; returns the largest speed²."""
+    """Kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed²."""
     p, fastest = packed, 0.0
+    if len(forces) == 0:
+        return glide(p, begin, end, kicked, dt, constraint)
     for first in range(begin, end, BLOCK):
         n = min(BLOCK, end - first)
         kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             first, n, kicked, constraint)  # fmt: skip
-        forget(p.spinning, p.force, first, n)
+             first, n, kicked, 0.0, constraint)  # fmt: skip
         speed2 = drift(
             forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
             p.inverse_y, p.inverse_spin, p.held, first, n, dt, pushed,
@@ -438,7 +489,7 @@ def end_steps(packed, walls, dt, constraint):
     p = packed
     kick_walls(walls, 0.5 * dt)
     kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-         0, p.floes.size, 0.5 * dt, constraint)  # fmt: skip
+         0, p.floes.size, 0.5 * dt, 1.0, constraint)  # fmt: skip
 
 
 @jit

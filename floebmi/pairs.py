@@ -132,19 +132,18 @@ def narrow(period_x, period_y, floes, pairs, near, part, begin, end, gap, margin
     gap : of a bond about to break, over the sum of radii [1]; margin [m]
     """
     settle(pairs, near, part, begin)
-    first = last = begin + LANES * part
+    first, n = begin + LANES * part, 0
     for p in range(begin, end):
-        i, j = pairs.i[p], pairs.j[p]
+        i, j = pairs.i[np.uintp(p)], pairs.j[np.uintp(p)]
         one, other = floes[i], floes[j]
         dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
         reach = (one.r + other.r) * (1.0 + gap) + margin
-        near.slot[last], near.pairs.i[last], near.pairs.j[last] = p, i, j
-        last += not dx * dx + dy * dy >= reach * reach  # what is not a number stays in
-    for q in range(
-        last, last + LANES
-    ):  # `gather` and `scatter` take four: the last floe again, and nothing
-        near.pairs.i[q] = near.pairs.j[q] = near.pairs.i[max(last - 1, first)]
-    n = last - first
+        q = np.uintp(first + n)  # unsigned: no wrap-around of negative indices
+        near.slot[q], near.pairs.i[q], near.pairs.j[q] = p, i, j
+        n += not dx * dx + dy * dy >= reach * reach  # what is not a number stays in
+    last = near.pairs.i[first + max(n - 1, 0)]
+    for q in range(first + n, first + n + LANES):  # four at a time, also at the end
+        near.pairs.i[q] = near.pairs.j[q] = last
     near.counts[part] = n
     take(pairs.slip, near.pairs.slip, near.slot, first, n)
     take(pairs.bonded, near.pairs.bonded, near.slot, first, n)
