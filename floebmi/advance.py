@@ -14,13 +14,12 @@ from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
-from floebmi.dynamics import Step, taylor, touch_once, verlet
+from floebmi.dynamics import Books, Laws, Lists, Step, Walls, taylor, touch_once, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
 from floebmi.kernels import BLOCK
 from floebmi.pack import (
-    Chunks,
     Stiffest,
     deepest,
     list_pairs,
@@ -35,7 +34,8 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import PairList, near_of
-from floebmi.threads import verlet as verlet_in_chunks
+from floebmi.threads import verlet as verlet_in_threads
+from floebmi.tiles import Tiles
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Of the smallest radius; wider where sizes differ much, since few of the pairs then move.
@@ -115,15 +115,14 @@ class Advance:
         self.threads = threads
         self.floes, self.state, self.domain, self.step = floes, state, domain, step
         self.contact = None if contact is None else prepare(contact)
-        self.walls = state.walls if len(state.walls) else None
         self.wall_law = None
-        if self.walls is not None and contact is not None:
+        if len(state.walls) and contact is not None:
             self.wall_law = self.contact._replace(friction=None, bonds=None, failure=None)
         self.forces = forces
         self.density, self.draft_fraction = density, draft_fraction
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
-        self.still = self.walls is not None or None in self.period
+        self.still = bool(len(state.walls)) or None in self.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(5)
         self.lag = np.zeros(2)
@@ -135,7 +134,7 @@ class Advance:
         """Pack the floes, list their neighbours, and find the forces they begin with."""
         self._list(self.state.memory, None, np.arange(len(self.floes)))
 
-    def _list(self, old: PairList, old_chunks: Chunks | None, old_place: np.ndarray) -> None:
+    def _list(self, old: PairList, old_tiles: Tiles | None, old_place: np.ndarray) -> None:
         self.packed = pack(
             self.floes, self.density, self.state.previous, self.domain.origin, self.state.remainder
         )
@@ -143,11 +142,14 @@ class Advance:
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.skin = SKIN * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        self.pairs, self.chunks = list_pairs(
-            self.packed, self.contact, self.period, self.skin, old, old_chunks, old_place
+        self.pairs, self.tiles = list_pairs(
+            self.packed, self.contact, self.period, self.skin, old, old_tiles, old_place
         )
-        self.near = near_of(self.pairs, 1 if self.chunks is None else len(self.chunks.parts) - 1)
-        self.gap = widest_gap(self.packed, self.contact)
+        parts = len(self.tiles.parts) - 1
+        self.lists = Lists(
+            self.pairs, near_of(self.pairs, parts), self.tiles,
+            widest_gap(self.packed, self.contact), NEAR * self.skin,
+        )  # fmt: skip
         self._list_walls()
         self._touch()
         self._stiffest: Stiffest | None = None
@@ -157,9 +159,12 @@ class Advance:
         """What sets the step of this list; found when it is asked for."""
         if self._stiffest is None:
             self._stiffest = stiffest(
-                self.contact, self.packed, self.pairs, self.period,
-                self.state.walls, self.wall_floe, self.wall_number,
-            )  # fmt: skip
+                self.contact,
+                self.packed,
+                self.pairs,
+                self.period,
+                self.walls._replace(walls=self.state.walls),
+            )
         return self._stiffest
 
     def _begin(self) -> None:
@@ -181,16 +186,29 @@ class Advance:
                 close = np.flatnonzero(wall.side * (across - wall.position) < near)
                 floes.append(close)
                 numbers.append(np.full(len(close), w))
-        self.wall_floe = np.concatenate(floes) if floes else np.zeros(0, np.int64)
-        self.wall_number = np.concatenate(numbers) if numbers else np.zeros(0, np.int64)
+        nothing = [np.zeros(0, np.int64)]
+        floe, number = np.concatenate(floes or nothing), np.concatenate(numbers or nothing)
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
-        self.wall_damped = np.zeros(len(self.wall_floe)) if dashpot else None
+        self.walls = Walls(
+            self.state.walls if len(self.state.walls) else None, floe, number,
+            np.zeros(len(floe)) if dashpot else None,
+        )  # fmt: skip
+
+    def _laws(self, forces: tuple[Force, ...], at: tuple[np.ndarray, ...]) -> Laws:
+        return Laws(self.contact, self.wall_law, forces, at, *self.period)
 
     def _touch(self) -> None:
-        touch_once(
-            self.contact, self.wall_law, *self.period, self.packed, self.pairs, self.near, self.gap,
-            self.walls, self.wall_floe, self.wall_number, self.wall_damped, self.constraint, self.buffer,
-        )  # fmt: skip
+        books = self._books()
+        touch_once(self._laws((), ()), self.packed, self.lists, self.walls, books, self.buffer)
+        self._close(books)
+
+    def _books(self) -> Books:
+        parts = len(self.tiles.parts) - 1
+        return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
+
+    def _close(self, books: Books) -> None:
+        self.constraint += books.held.sum(axis=0)
+        self.losses += books.lost.sum(axis=0)
 
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
@@ -207,7 +225,7 @@ class Advance:
     def _renew(self) -> None:
         """A fresh list: floes that left are dropped, those beyond a seam wrapped, new ones added."""
         self._unpack()
-        old, old_chunks, old_place = self.pairs, self.chunks, np.full(len(self.floes), -1)
+        old, old_tiles, old_place = self.pairs, self.tiles, np.full(len(self.floes), -1)
         old_place[self.packed.number] = np.arange(len(self.packed.number))
         self._wrap()
         leaving = self._leaving()
@@ -219,7 +237,7 @@ class Advance:
             old_place = np.concatenate([old_place, np.full(len(new), -1)])
             self._grow(len(new))
             draw_own(self.floes, self.contact, self.state.rng)
-        self._list(old, old_chunks, old_place)
+        self._list(old, old_tiles, old_place)
         self._begin()
         if len(leaving):
             stock = floe_stock(self.floes, leaving, self.density)
@@ -342,23 +360,19 @@ class Advance:
         return np.maximum(1, np.ceil(fastest * dt / DRAG_RESOLUTION)).astype(np.int64)
 
     def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
-        half_skin = self._half_skin()
-        lists = (
-            self.walls, self.wall_floe, self.wall_number, self.wall_damped, self.constraint, self.losses
-        )  # fmt: skip
-        laws = self.contact, self.wall_law, self.forces, self.here, *self.period
-        floes = self.packed, self.pairs, self.near, self.gap, NEAR * self.skin
-        if self.step.scheme == "verlet":
-            rest = (
-                *floes, *lists, dt, steps, substeps, self.travelled, half_skin, self.step.drag_every,
-                self.lag,
-            )  # fmt: skip
-            if self.chunks is None:
-                return verlet(*laws, *rest)
-            return verlet_in_chunks(self.threads, self.chunks, *laws, *rest)
-        return taylor(
-            self.step.scheme == "taylor3", *laws, *floes, *lists, dt, steps, self.travelled, half_skin,
-        )  # fmt: skip
+        books = self._books()
+        floes = self._laws(self.forces, self.here), self.packed, self.lists, self.walls, books
+        reach = self.travelled, self._half_skin()
+        if self.step.scheme != "verlet":
+            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)
+        else:
+            rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
+            if min(self.threads, len(self.tiles.chunks) - 1) == 1:
+                done = verlet(*floes, *rest)
+            else:
+                done = verlet_in_threads(self.threads, *floes, *rest)
+        self._close(books)
+        return done
 
     def _count(self, steps: int, dt: float) -> None:
         counters = self.state.counters
@@ -413,7 +427,7 @@ class Advance:
         rows = look(self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs)
         energy = float(rows[:, 9].sum())
         for w, wall in enumerate(walls):
-            near = p.floes[self.wall_floe[self.wall_number == w]]
+            near = p.floes[self.walls.floe[self.walls.number == w]]
             gap = wall.side * ((near.x if wall.axis == 0 else near.y) - wall.position) - near.r
             pressed = np.minimum(gap, 0.0)
             if self.contact is not None:

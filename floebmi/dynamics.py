@@ -13,7 +13,7 @@ Kernels work on packed floes: active ones only, sorted in space, what a contact 
 of the cache.  Which fields exist, and which arrays, follows from the laws: see `pack.py`.
 """
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,9 @@ from floebmi.forces import (
     book,
 )
 from floebmi.kernels import BLOCK, dispatched, jit
-from floebmi.pairs import Losses, narrow, recall, remember, settle, strike, touch_floes
+from floebmi.pairs import Near, PairList, narrow, recall, remember, settle, strike, touch_floes
 from floebmi.quantities import Count, Positive, PositiveFraction
+from floebmi.tiles import Tiles
 
 
 class Step(NamedTuple):
@@ -76,6 +77,46 @@ WALL = np.dtype(
         ("work", np.float64),  # done on the ice [J]
     ]
 )
+
+
+class Laws(NamedTuple):
+    """What acts, and where the box ends."""
+
+    contact: Any
+    wall: Any  # the contact law of walls
+    forces: tuple
+    at: tuple  # what each force needs at the floes
+    period_x: float | None
+    period_y: float | None
+
+
+class Lists(NamedTuple):
+    """Pairs, tile by tile."""
+
+    pairs: PairList
+    near: Near
+    tiles: Tiles
+    gap: float  # the short list holds pairs nearer than this [1] and the skin [m], see `pairs.narrow`
+    skin: float
+
+
+class Walls(NamedTuple):
+    """Walls, and the floes that may touch them."""
+
+    walls: np.ndarray | None
+    floe: np.ndarray
+    number: np.ndarray  # of the wall
+    damped: np.ndarray | None  # force of the dashpots [N], since the list was made
+
+
+class Books(NamedTuple):
+    """A row for each tile, and a last one for seams and walls, so that threads share none.
+
+    held : momentum along x and y [N s] and energy [J] given by what holds floes; lost : see `pairs.touch_floes`
+    """
+
+    held: np.ndarray
+    lost: np.ndarray
 
 
 # ---- kick, drift, touch -----------------------------------------------------------------------------
@@ -337,110 +378,99 @@ def _(inverse_spin: None, first, n, inertia, h, constraint, buffer):
 
 
 @jit
-def touch(
-    law, wall_law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, walls, wall_floe,
-    wall_number, wall_damped, dt, force, inverse_x, inverse_y, inverse_spin, constraint, buffer,
-):  # fmt: skip
-    """Add the forces of a part of the short list, which begins there in the list, and of walls, here and now.
+def touch(laws, packed, lists, tile, dt, inverse, books, buffer):
+    """Add the forces of the pairs of a tile, or of the seams, that are on the short list.
 
     dt : time over which contacts have slipped
-    Floes whose contact opened or closed in that time are struck, unless `inverse_x` is None.
+    inverse : inverse masses and inertia; floes whose contact opened or closed are struck, unless it is None
     """
-    losses = touch_floes(
-        law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force,
-        inverse_x, inverse_y, inverse_spin, constraint, buffer,
+    p, begin = packed, lists.tiles.parts[tile]
+    touch_floes(
+        laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
+        p.tensile_strength, lists.near, tile, begin, dt, p.force, inverse, books.held[tile],
+        books.lost[tile], buffer,
     )  # fmt: skip
-    wall_loss = touch_walls(
-        wall_law, floes, walls, wall_floe, wall_number, wall_damped, dt, force,
-        inverse_x, inverse_y, constraint,
-    )  # fmt: skip
-    return Losses(
-        losses.friction, losses.dashpot + wall_loss, losses.bonds, losses.failure, losses.broken
-    )
 
 
 @jit
-def touch_once(
-    law, wall_law, period_x, period_y, packed, pairs, near, gap, walls, wall_floe, wall_number,
-    wall_damped, constraint, buffer,
-):  # fmt: skip
+def touch_edges(laws, packed, lists, walls, dt, inverse, books, buffer):
+    """The same of the seams and the walls."""
+    p, last = packed, lists.tiles.parts.size - 2
+    touch(laws, p, lists, last, dt, inverse, books, buffer)
+    touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[last], books.lost[last])
+
+
+@jit
+def touch_once(laws, packed, lists, walls, books, buffer):
     """Add the forces at the present place, as a step leaves them."""
     p = packed
-    narrow(period_x, period_y, p.floes, pairs, near, 0, 0, pairs.i.size, gap, 0.0)
-    touch(
-        law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction, p.tensile_strength,
-        near, 0, 0, walls, wall_floe, wall_number, wall_damped, 0.0, p.force, p.inverse_x,
-        p.inverse_y, p.inverse_spin, constraint, buffer,
-    )  # fmt: skip
-    settle(pairs, near, 0, 0)
+    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    narrow_tiles(laws, p, lists, 0, lists.tiles.parts.size - 1, 0.0)
+    for tile in range(lists.tiles.bounds.size - 1):
+        touch(laws, p, lists, tile, 0.0, inverse, books, buffer)
+    touch_edges(laws, p, lists, walls, 0.0, inverse, books, buffer)
+    settle_tiles(lists)
 
 
 @jit
-def forget(spinning, force, first, n):
-    """Forces of the last step are used up."""
-    for k in range(first, first + n):
-        force[k].x = 0.0
-        force[k].y = 0.0
-    forget_torque(spinning, force, first, n)
+def narrow_tiles(laws, packed, lists, first, last, way):
+    """List anew the near pairs of some tiles; way : of the fastest floe in a step [m]."""
+    parts = lists.tiles.parts
+    for tile in range(first, last):
+        narrow(
+            laws.period_x, laws.period_y, packed.floes, lists.pairs, lists.near, tile,
+            parts[tile], parts[tile + 1], lists.gap, lists.skin + 2.0 * way,
+        )  # fmt: skip
 
 
-@dispatched
-def forget_torque(spinning, force, first, n):
-    for k in range(first, first + n):
-        force[k].torque = 0.0
-
-
-@forget_torque.register
-def _(spinning: None, force, first, n):
-    pass
+@jit
+def settle_tiles(lists):
+    """What near pairs remember goes back into the list."""
+    for tile in range(lists.tiles.parts.size - 1):
+        settle(lists.pairs, lists.near, tile, lists.tiles.parts[tile])
 
 
 @dispatched
 def touch_walls(
-    wall_law, floes, walls, wall_floe, wall_number, wall_damped, dt, force, inverse_x, inverse_y,
-    constraint,
+    wall_law, floes, edges, dt, force, inverse, constraint, lost,
 ):  # fmt: skip
-    """Frictionless walls push floes that reach over them (eq. wall); returns the energy lost [J]."""
-    loss = 0.0
+    """Frictionless walls push floes that reach over them (eq. wall)."""
+    walls = edges.walls
     for w in range(walls.size):
         walls[w].force = 0.0
-    for q in range(wall_floe.size):
-        k = wall_floe[q]
-        wall = walls[wall_number[q]]
+    for q in range(edges.floe.size):
+        k = edges.floe[q]
+        wall = walls[edges.number[q]]
         floe = floes[k]
         along_x = wall.axis == 0
         gap = wall.side * ((floe.x if along_x else floe.y) - wall.position) - floe.r
         opening = wall.side * ((floe.u if along_x else floe.v) - wall.speed)
         f = pair_force(
             wall_law, gap, opening, 0.0, 0.0, floe.r, floe.r, floe.h, floe.h, floe.w, 0.0, 0.0,
-            0.0, 0.0, recall(wall_damped, q), 0.0, 0.0, 0.0, dt,
+            0.0, 0.0, recall(edges.damped, q), 0.0, 0.0, 0.0, dt,
         )  # fmt: skip
-        remember(wall_damped, q, f.damped)
+        remember(edges.damped, q, f.damped)
         if along_x:
             force[k].x += wall.side * f.f_n
         else:
             force[k].y += wall.side * f.f_n
         wall.force -= wall.side * f.f_n
-        strike_wall(inverse_x, inverse_y, floes, k, wall, along_x, wall.side * f.blow_n, constraint)
-        loss += f.dashpot_loss
-    return loss
+        strike_wall(inverse, floes, k, wall, along_x, wall.side * f.blow_n, constraint)
+        lost[1] += f.dashpot_loss
 
 
 @touch_walls.register
-def _(
-    wall_law: None, floes, walls, wall_floe, wall_number, wall_damped, dt, force, inverse_x,
-    inverse_y, constraint,
-):  # fmt: skip
-    return 0.0
+def _(wall_law: None, floes, edges, dt, force, inverse, constraint, lost):
+    pass
 
 
 @dispatched
-def strike_wall(inverse_x, inverse_y, floes, k, wall, along_x, impulse, constraint):
+def strike_wall(inverse, floes, k, wall, along_x, impulse, constraint):
     """The blow of a floe that met a wall or left it: on the floe, and its opposite on the wall."""
     if impulse == 0.0:
         return
     x, y = (impulse, 0.0) if along_x else (0.0, impulse)
-    strike(inverse_x, inverse_y, floes, k, x, y, constraint)
+    strike(inverse, floes, k, x, y, constraint)
     change = -wall.inverse_mass * impulse
     wall.impulse += impulse
     wall.work += impulse * (wall.speed + 0.5 * change)
@@ -448,7 +478,7 @@ def strike_wall(inverse_x, inverse_y, floes, k, wall, along_x, impulse, constrai
 
 
 @strike_wall.register
-def _(inverse_x: None, inverse_y, floes, k, wall, along_x, impulse, constraint):
+def _(inverse: None, floes, k, wall, along_x, impulse, constraint):
     pass
 
 
@@ -493,80 +523,93 @@ def end_steps(packed, walls, dt, constraint):
 
 
 @jit
+def sweep(laws, packed, lists, first, last, moves, touches, kicked, dt, pushed, substeps, due, books,
+          pair_buffer, force_buffer):  # fmt: skip
+    """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed²."""
+    p, bounds, fastest = packed, lists.tiles.bounds, 0.0
+    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    for tile in range(first, last):
+        if moves:
+            speed2 = move(
+                laws.forces, laws.at, p, bounds[tile], bounds[tile + 1], kicked, dt, pushed,
+                substeps, due, books.held[tile], force_buffer,
+            )  # fmt: skip
+            fastest = max(fastest, speed2)
+        if touches:
+            touch(laws, p, lists, tile, dt, inverse, books, pair_buffer)
+    return fastest
+
+
+@jit
 def verlet(
-    law, wall_law, forces, at, period_x, period_y, packed, pairs, near, gap, near_skin, walls, wall_floe,
-    wall_number, wall_damped, constraint, losses, dt, steps, substeps, travelled, half_skin,
-    drag_every, lag,
+    laws, packed, lists, walls, books, dt, steps, substeps, travelled, half_skin, drag_every, lag
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
 
     The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
-    are kicked and drift a block at a time, while they are in the cache.
+    move and touch tile by tile, while they are in the cache, unless the short list is to be made anew between.
 
-    gap, near_skin : the short list holds pairs nearer than these and a step's way, see `pairs.narrow`
     lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
     """
-    p = packed
+    p, tiles = packed, lists.tiles.bounds.size - 1
+    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
-    done, kicked, since = 0, 0.5 * dt, np.inf
+    done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
     while done < steps and travelled < half_skin:
         lag[0] += dt
         lag[1] += 1.0
         due = lag[1] >= drag_every or done == steps - 1
+        anew = is_stale(since, way, lists.skin)
         fastest = max(
-            move_walls(walls, kicked, dt),
-            move(forces, at, p, 0, p.floes.size, kicked, dt, lag[0], substeps, due, constraint,
-                 force_buffer),
+            move_walls(walls.walls, kicked, dt),
+            sweep(laws, p, lists, 0, tiles, True, not anew, kicked, dt, lag[0], substeps, due, books,
+                  pair_buffer, force_buffer),
         )  # fmt: skip
+        way = dt * np.sqrt(fastest)
+        if anew:
+            narrow_tiles(laws, p, lists, 0, tiles + 1, way)
+            sweep(laws, p, lists, 0, tiles, False, True, kicked, dt, lag[0], substeps, due, books,
+                  pair_buffer, force_buffer)  # fmt: skip
+        touch_edges(laws, p, lists, walls, dt, inverse, books, pair_buffer)
         if due:
             lag[:] = 0.0
-        way = dt * np.sqrt(fastest)
-        since += way
-        if since > 0.5 * near_skin:
-            narrow(period_x, period_y, p.floes, pairs, near, 0, 0, pairs.i.size, gap,
-                   near_skin + 2.0 * way)  # fmt: skip
-            since = 0.0
-        lost = touch(
-            law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
-            p.tensile_strength, near, 0, 0, walls, wall_floe, wall_number, wall_damped, dt,
-            p.force, p.inverse_x, p.inverse_y, p.inverse_spin, constraint, pair_buffer,
-        )  # fmt: skip
-        book_losses(losses, lost)
-        travelled += way
+        travelled, since = travelled + way, 0.0 if anew else since + way
         done, kicked = done + 1, dt
-    settle(pairs, near, 0, 0)
+    settle_tiles(lists)
     if done > 0:
-        end_steps(p, walls, dt, constraint)
+        end_steps(p, walls.walls, dt, books.held[tiles])
     return done, travelled
 
 
 @jit
-def taylor(
-    third_order, law, wall_law, forces, at, period_x, period_y, packed, pairs, near, gap, near_skin,
-    walls, wall_floe, wall_number, wall_damped, constraint, losses, dt, steps, travelled, half_skin,
-):  # fmt: skip
+def is_stale(since, way, skin):
+    """Whether a pair that is not on the short list may touch after the next step.
+
+    since, way : of the fastest floe since the list was made, and in the last step [m]
+    """
+    return since + 2.0 * way > 0.5 * skin
+
+
+@jit
+def taylor(third_order, laws, packed, lists, walls, books, dt, steps, travelled, half_skin):
     """The paper's schemes: forces at the old place and velocity, then one Taylor step.
 
     x += u Δt + ½ a Δt² (+ ⅙ (a − a_old) Δt²),  u += a Δt (+ ½ (a − a_old) Δt)   (eq. taylor)
 
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
     """
-    p = packed
+    p, forces, at, tiles = packed, laws.forces, laws.at, lists.tiles.bounds.size - 1
+    constraint = books.held[tiles]
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.zeros(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
-        forget(p.spinning, p.force, 0, p.floes.size)
-        since += way
-        if since > 0.5 * near_skin:
-            narrow(period_x, period_y, p.floes, pairs, near, 0, 0, pairs.i.size, gap,
-                   near_skin + 2.0 * way)  # fmt: skip
+        forget(p.spinning, p.force)
+        if is_stale(since, way, lists.skin):
+            narrow_tiles(laws, p, lists, 0, tiles + 1, way)
             since = 0.0
-        lost = touch(
-            law, wall_law, period_x, period_y, p.floes, p.spinning, p.friction,
-            p.tensile_strength, near, 0, 0, walls, wall_floe, wall_number, wall_damped, dt,
-            p.force, None, None, None, constraint, pair_buffer,
-        )  # fmt: skip
-        book_losses(losses, lost)
+        for tile in range(tiles):
+            touch(laws, p, lists, tile, dt, None, books, pair_buffer)
+        touch_edges(laws, p, lists, walls, dt, None, books, pair_buffer)
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):
             n = min(BLOCK, p.floes.size - first)
@@ -603,12 +646,32 @@ def taylor(
             if p.inverse_y[k] == 0.0:
                 constraint[1] -= dt * p.force[k].y
                 constraint[2] -= dt * p.force[k].y * p.floes[k].v
-        kick_walls(walls, dt)
-        way = dt * np.sqrt(max(fastest, drift_walls(walls, dt)))
-        travelled += way
+        kick_walls(walls.walls, dt)
+        way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
+        travelled, since = travelled + way, since + way
         done += 1
-    settle(pairs, near, 0, 0)
+    settle_tiles(lists)
     return done, travelled
+
+
+@jit
+def forget(spinning, force):
+    """Forces of the last step are used up."""
+    for k in range(force.size):
+        force[k].x = 0.0
+        force[k].y = 0.0
+    forget_torque(spinning, force)
+
+
+@dispatched
+def forget_torque(spinning, force):
+    for k in range(force.size):
+        force[k].torque = 0.0
+
+
+@forget_torque.register
+def _(spinning: None, force):
+    pass
 
 
 @dispatched
@@ -627,12 +690,3 @@ def taylor_spin(spinning, third_order, p, first, n, dt, buffer):
 @taylor_spin.register
 def _(spinning: None, third_order, p, first, n, dt, buffer):
     pass
-
-
-@jit
-def book_losses(losses, lost):
-    losses[0] += lost.friction
-    losses[1] += lost.dashpot
-    losses[2] += lost.bonds
-    losses[3] += lost.failure
-    losses[4] += lost.broken

@@ -21,19 +21,17 @@ from floebmi.contact import (
     stored,
     strength,
 )
-from floebmi.dynamics import Step
+from floebmi.dynamics import Step, Walls
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
-from floebmi.kernels import BLOCK, dispatched, jit
+from floebmi.kernels import dispatched, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 from floebmi.pairs import PairList, least_of, recall, wrap
+from floebmi.tiles import Tiles, by_tile
 
 
 def _record(*names: str) -> np.dtype:
     return np.dtype([(name, np.float64) for name in names])
 
-
-# A large pack is cut into chunks for threads: at least so many floes each, and no more chunks than this.
-CHUNK, CHUNKS = 25_000, 8
 
 # a floe is one line of the cache, in the order of `columns.gather`; w is 1/m, or 0 for a floe that nothing moves
 SPINNING = _record("x", "y", "u", "v", "r", "h", "omega", "w")
@@ -178,87 +176,39 @@ def widest_gap(packed: Packed, contact: Contact | None) -> float:
     return float(stretch(strongest, contact.elastic.youngs_modulus))
 
 
-class Chunks(NamedTuple):
-    """A large pack cut into chunks of neighbours, for threads; the pairs across their seams come last."""
-
-    bounds: np.ndarray  # floes of chunk c: bounds[c] to bounds[c + 1]
-    parts: (
-        np.ndarray
-    )  # pairs of chunk c: parts[c] to parts[c + 1]; the last part is that of the seams
-    seam: np.ndarray  # rows, like `PairList.start`, of the pairs across seams
-
-
-def chunk_bounds(n: int) -> np.ndarray:
-    """Where chunks of n packed floes begin and end: multiples of BLOCK, and n."""
-    count = 1
-    while 2 * count <= min(CHUNKS, n // CHUNK):  # alike in size, for two threads, four or eight
-        count *= 2
-    bounds = np.arange(count + 1) * (n // count) // BLOCK * BLOCK
-    bounds[-1] = n
-    return bounds
-
-
-@jit
-def _split(bounds, start, j, inner, seam, parts, new_i, new_j):
-    """Pairs within chunks first, chunk by chunk, then those across seams; each with rows of its own."""
-    m, chunks = 0, bounds.size - 1
-    for c in range(chunks):
-        parts[c] = m
-        for i in range(bounds[c], bounds[c + 1]):
-            inner[i] = m
-            for q in range(start[i], start[i + 1]):
-                if bounds[c] <= j[q] < bounds[c + 1]:
-                    new_i[m], new_j[m] = i, j[q]
-                    m += 1
-    inner[bounds[chunks]] = parts[chunks] = m
-    for c in range(chunks):
-        for i in range(bounds[c], bounds[c + 1]):
-            seam[i] = m
-            for q in range(start[i], start[i + 1]):
-                if not bounds[c] <= j[q] < bounds[c + 1]:
-                    new_i[m], new_j[m] = i, j[q]
-                    m += 1
-    seam[bounds[chunks]] = parts[chunks + 1] = m
-
-
 def list_pairs(
     packed: Packed,
     contact: Contact | None,
     period: tuple[float | None, float | None],
     skin: float,
     old: PairList,
-    old_chunks: Chunks | None,
+    old_tiles: Tiles | None,
     old_place: np.ndarray,
-) -> tuple[PairList, Chunks | None]:
-    """A fresh list of candidate pairs that remembers what the old one did, and the chunks of a large pack.
+) -> tuple[PairList, Tiles]:
+    """A fresh list of candidate pairs that remembers what the old one did, and the tiles of the pack.
 
     old_place : row of each floe number in the old list, −1 where it has none
     """
     if contact is None or len(packed.number) < 2:
         empty = np.zeros(0, np.uint32)
         start = np.zeros(len(packed.number) + 1, np.int64)
-        return PairList(start, empty, empty, **_nothing(contact, 0)), None
+        start, i, j, tiles = by_tile(start, empty, empty)
+        return PairList(start, i, j, **_nothing(contact, 0)), tiles
     found = find_pairs(packed.floes.x, packed.floes.y, reach(packed, contact, skin), period)
     start, i, j = found.start, found.i.view(np.uint32), found.j.view(np.uint32)
     if packed.land.any():  # pieces of coast lie over each other as they like
         keep = ~(packed.land[i] & packed.land[j])
         start, i, j = np.concatenate([[0], np.cumsum(keep)])[start], i[keep], j[keep]
-    bounds, chunks = chunk_bounds(len(packed.number)), None
-    if len(bounds) > 2:
-        inner, seam = np.empty_like(start), np.empty_like(start)
-        chunks = Chunks(bounds, np.empty(len(bounds) + 1, np.int64), seam)
-        new_i, new_j = np.empty_like(i), np.empty_like(j)
-        _split(bounds, start, j, inner, seam, chunks.parts, new_i, new_j)
-        start, i, j = inner, new_i, new_j
+    start, i, j, tiles = by_tile(start, i, j)
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
-        for rows in (old.start, None if old_chunks is None else old_chunks.seam):
+        for rows in (old.start, None if old_tiles is None else old_tiles.seam):
             if len(memory) and rows is not None:
                 carry(
                     i, j, packed.number, rows, old.j, old_place, memory, getattr(new, name),
                     _sign_of_reverse(name),
                 )  # fmt: skip
-    return new, chunks
+    return new, tiles
 
 
 def _sign_of_reverse(name: str) -> float:
@@ -322,9 +272,7 @@ def stiffest(
     packed: Packed,
     pairs: PairList,
     period: tuple[float | None, float | None],
-    walls: np.ndarray,
-    wall_floe: np.ndarray,
-    wall_number: np.ndarray,
+    walls: Walls,
 ) -> Stiffest:
     """Bound on the highest frequency of the pack, from each floe's own stiffness sum (eq. stable-step).
 
@@ -345,8 +293,6 @@ def stiffest(
             pairs.i,
             pairs.j,
             walls,
-            wall_floe,
-            wall_number,
         )
     )
 
@@ -354,7 +300,7 @@ def stiffest(
 @jit
 def _stiffest(
     law, period_x, period_y, floes, inverse_x, inverse_y, spinning, inverse_spin,
-    pair_i, pair_j, walls, wall_floe, wall_number,
+    pair_i, pair_j, walls,
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
@@ -377,9 +323,9 @@ def _stiffest(
         k_b = bend * k_n * (2.0 * one.r * other.r / (one.r + other.r)) ** 2
         add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
         add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
-    for q in range(wall_floe.size):
-        k = wall_floe[q]
-        wall = walls[wall_number[q]]
+    for q in range(walls.floe.size):
+        k = walls.floe[q]
+        wall = walls.walls[walls.number[q]]
         w = max(inverse_x[k], inverse_y[k])
         k_n = stiffness(law.elastic, floes[k].h, floes[k].h)
         nx = 1.0 if wall.axis == 0 else 0.0

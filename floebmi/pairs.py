@@ -77,16 +77,6 @@ def near_of(pairs: PairList, parts: int) -> Near:
     return Near(np.empty(room, np.uint32), PairList(None, i, j, *memory), np.zeros(parts, np.int64))
 
 
-class Losses(NamedTuple):
-    """Energy lost in contacts [J], and bonds broken."""
-
-    friction: float
-    dashpot: float
-    bonds: float
-    failure: float
-    broken: float
-
-
 @dispatched
 def wrap(period, d):
     """The nearest image of a distance in a periodic direction."""
@@ -193,9 +183,13 @@ def _(memory: None, near_memory, slot, first, n):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force,
-    inverse_x, inverse_y, inverse_spin, constraint, buffer,
+    law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force, inverse,
+    constraint, lost, buffer,
 ):  # fmt: skip
+    """Add the forces of a part of the short list, which begins there in the list, a block at a time.
+
+    lost : energy lost in friction, dashpots, bonds, failure [J], and bonds broken
+    """
     pairs, begin = near.pairs, begin + LANES * part
     end = begin + near.counts[part]
     pair_i, pair_j = pairs.i, pairs.j
@@ -253,18 +247,22 @@ def touch_floes(
             scatter(force, pair_i, pair_j, first, buffer, k)
         if blows > 0.0:
             strike_floes(
-                inverse_x, inverse_y, inverse_spin, law.friction, period_x, period_y, floes,
-                spinning, pair_i, pair_j, first, n, constraint, buffer,
+                inverse, law.friction, period_x, period_y, floes, spinning, pair_i, pair_j, first,
+                n, constraint, buffer,
             )  # fmt: skip
-    return Losses(friction_loss, dashpot_loss, bond_loss, failure_loss, broken)
+    lost[0] += friction_loss
+    lost[1] += dashpot_loss
+    lost[2] += bond_loss
+    lost[3] += failure_loss
+    lost[4] += broken
 
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force,
-    inverse_x, inverse_y, inverse_spin, constraint, buffer,
+    law: None, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force, inverse,
+    constraint, lost, buffer,
 ):  # fmt: skip
-    return Losses(0.0, 0.0, 0.0, 0.0, 0.0)
+    pass
 
 
 @dispatched
@@ -324,8 +322,7 @@ def _(own: None, of_all, slot, buffer):
 
 @dispatched
 def strike_floes(
-    inverse_x, inverse_y, inverse_spin, friction, period_x, period_y, floes, spinning, pair_i, pair_j,
-    first, n, constraint, buffer,
+    inverse, friction, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, constraint, buffer
 ):  # fmt: skip
     """Blows of the contacts that opened or closed: few, at once, of opposite sign on both floes."""
     for k in range(n):
@@ -338,24 +335,25 @@ def strike_floes(
         distance = np.sqrt(dx * dx + dy * dy)
         nx, ny, gap = dx / distance, dy / distance, distance - (r_i + r_j)
         x, y = -blow_n * nx - blow_t * ny, -blow_n * ny + blow_t * nx
-        strike(inverse_x, inverse_y, floes, i, x, y, constraint)
-        strike(inverse_x, inverse_y, floes, j, -x, -y, constraint)
+        strike(inverse, floes, i, x, y, constraint)
+        strike(inverse, floes, j, -x, -y, constraint)
         a_i, a_j = lever_arm(friction, r_i, r_j, gap), lever_arm(friction, r_j, r_i, gap)
-        strike_spin(inverse_spin, spinning, i, blow_t * a_i, constraint)
-        strike_spin(inverse_spin, spinning, j, blow_t * a_j, constraint)
+        strike_spin(inverse[2], spinning, i, blow_t * a_i, constraint)
+        strike_spin(inverse[2], spinning, j, blow_t * a_j, constraint)
 
 
 @strike_floes.register
 def _(
-    inverse_x: None, inverse_y, inverse_spin, friction, period_x, period_y, floes, spinning, pair_i,
-    pair_j, first, n, constraint, buffer,
+    inverse: None, friction, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, constraint,
+    buffer,
 ):  # fmt: skip
     pass
 
 
 @jit
-def strike(inverse_x, inverse_y, floes, k, x, y, constraint):
+def strike(inverse, floes, k, x, y, constraint):
     """An impulse on a floe; a held axis hands it on to what holds it."""
+    inverse_x, inverse_y, _ = inverse
     floes[k].u += inverse_x[k] * x
     floes[k].v += inverse_y[k] * y
     if inverse_x[k] == 0.0:

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from floebmi import pack
+from floebmi import tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
 from floebmi.errors import InputError
 from floebmi.floes import FIXED_Y, Floes
-from floebmi.forces import BLOCK, AirDrag, OceanDrag
+from floebmi.forces import AirDrag, OceanDrag
+from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.packing import scatter
 from floebmi.sizes import PowerLaw
@@ -18,7 +19,7 @@ SIZES = PowerLaw(10.0, 40.0)
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr(pack, "CHUNK", 80)
+    monkeypatch.setattr(tiles, "CHUNK", 80)
 
 
 def pack_of_floes(law, threads=1, walls=False):
@@ -44,7 +45,7 @@ def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
     for model in models:
         for _ in range(3):
             model.advance(2.0)
-        assert len(model._now().chunks.parts) > 4
+        assert len(model._now().tiles.chunks) > 3
     for other in models[1:]:
         for name in ("x", "y", "u", "v"):
             assert np.array_equal(getattr(models[0].floes, name), getattr(other.floes, name))
@@ -59,10 +60,10 @@ def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
 def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
     whole = pack_of_floes(frictional())
     whole.advance(0.3)
-    monkeypatch.setattr(pack, "CHUNK", 80)
+    monkeypatch.setattr(tiles, "CHUNK", 80)
     cut = pack_of_floes(frictional())
     cut.advance(0.3)
-    assert len(cut._now().chunks.parts) > 4
+    assert len(cut._now().tiles.chunks) > 3
     # blows of contacts that open are struck one after the other, so their order shows a little
     assert cut.floes.x == pytest.approx(whole.floes.x, abs=1e-6)
     assert cut.ledger.now == pytest.approx(whole.ledger.now, rel=1e-7)
@@ -73,21 +74,32 @@ def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_c
     model.advance(0.5)
     slip = model.state()["pair_slip"]
     now = model._now()
-    pairs, (bounds, parts, _) = now.pairs, now.chunks
+    pairs, (bounds, parts, chunks, _) = now.pairs, now.tiles
     assert np.count_nonzero(pairs.slip) == np.count_nonzero(slip) > 100
     across = slice(parts[-2], parts[-1])
-    chunk = [np.searchsorted(bounds, ends, side="right") for ends in (pairs.i, pairs.j)]
+    chunk = [np.searchsorted(bounds[chunks], ends, side="right") for ends in (pairs.i, pairs.j)]
     assert (chunk[0][across] != chunk[1][across]).all() and np.count_nonzero(pairs.slip[across])
     assert (chunk[0] == chunk[1])[: parts[-2]].all()
 
 
-def test_chunks_are_whole_blocks_and_small_packs_are_one():
-    assert list(pack.chunk_bounds(40_000)) == [0, 40_000]
-    for n in (50_000, 123_457, 10**6):
-        bounds = pack.chunk_bounds(n)
-        assert bounds[0] == 0 and bounds[-1] == n and len(bounds) - 1 in (2, 4, 8)
-        assert (bounds[:-1] % BLOCK == 0).all() and (np.diff(bounds) > 0.9 * pack.CHUNK).all()
-        assert np.ptp(np.diff(bounds)) <= 8 * BLOCK
+def test_tiles_are_whole_blocks_that_fit_the_cache_and_small_packs_are_one():
+    for n, count in ((1, 1), (5_000, 1), (40_000, 1), (50_000, 2), (123_457, 4), (10**6, 8)):
+        bounds, chunks = tiles.cut(n)
+        assert bounds[0] == 0 and bounds[-1] == n and len(chunks) - 1 == count
+        assert (bounds[:-1] % BLOCK == 0).all() and np.diff(bounds).max() < 1.5 * tiles.TILE
+        assert chunks[0] == 0 and chunks[-1] == len(bounds) - 1
+        if count > 1:
+            assert np.ptp(np.diff(bounds[chunks])) < 0.02 * n
+
+
+def test_a_pair_is_touched_when_the_later_of_its_floes_has_moved(monkeypatch):
+    monkeypatch.setattr(tiles, "TILE", 128)
+    now = pack_of_floes(frictional())._now()
+    bounds, parts = now.tiles.bounds, now.tiles.parts
+    assert len(now.tiles.chunks) == 2 and len(bounds) > 4 and parts[-1] == parts[-2]
+    tile = np.searchsorted(bounds, np.maximum(now.pairs.i, now.pairs.j), side="right") - 1
+    assert np.array_equal(np.bincount(tile, minlength=len(bounds) - 1), np.diff(parts[:-1]))
+    assert (np.diff(tile) >= 0).all()
 
 
 @pytest.mark.parametrize("threads", [0, 1.5, "two"])

@@ -1,0 +1,85 @@
+"""A pack cut into tiles that fit the cache, and a large one into chunks of tiles for threads.
+
+Floes that lie together in space lie together in memory, so a tile is a range of floes.  A pair is touched with
+the later of its two floes: when that one's tile has moved, both have.  So a step goes through memory once.
+Pairs across the seams between chunks come last of all, one after the other.  How a pack is cut depends on the
+number of its floes alone, and so do the bits of a run: not on how many threads share the chunks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from floebmi.kernels import BLOCK, jit
+
+TILE = 4096  # floes
+# A large pack is cut into chunks: at least so many floes each, and no more chunks than this.
+CHUNK, CHUNKS = 25_000, 8
+
+
+class Tiles(NamedTuple):
+    """Where tiles begin and end.
+
+    bounds : floes of tile t, bounds[t] to bounds[t + 1]
+    parts : its pairs, parts[t] to parts[t + 1]; the last part is that of the seams
+    chunks : tiles of chunk c, chunks[c] to chunks[c + 1]
+    seam : rows, like `PairList.start`, of the pairs across seams
+    """
+
+    bounds: np.ndarray
+    parts: np.ndarray
+    chunks: np.ndarray
+    seam: np.ndarray
+
+
+def cut(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the tiles of n packed floes, multiples of BLOCK and n, and of the chunks among the tiles."""
+    chunks = 1
+    while 2 * chunks <= min(CHUNKS, n // CHUNK):  # alike in size, for two threads, four or eight
+        chunks *= 2
+    tiles = max(1, round(n / chunks / TILE))
+    bounds = np.arange(chunks * tiles + 1) * (n // chunks // tiles) // BLOCK * BLOCK
+    bounds[-1] = n
+    return bounds, np.arange(chunks + 1) * tiles
+
+
+def by_tile(
+    start: np.ndarray, i: np.ndarray, j: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Tiles]:
+    """The same pairs in rows of their later floes, those across seams last: rows, i, j, tiles."""
+    bounds, chunks = cut(len(start) - 1)
+    if len(bounds) == 2:  # one tile holds them all, in any order
+        end = len(i)
+        return start, i, j, Tiles(bounds, np.array([0, end, end]), chunks, np.full(len(start), end))
+    inner, seam = np.zeros((2, len(start)), np.int64)
+    parts = np.empty(len(bounds) + 1, np.int64)
+    new_i, new_j = np.empty_like(i), np.empty_like(j)
+    _split(bounds[chunks], i, j, inner, seam, new_i, new_j)
+    parts[:-1] = inner[bounds]
+    parts[-1] = len(i)
+    return inner, new_i, new_j, Tiles(bounds, parts, chunks, seam)
+
+
+@jit
+def _split(chunk_bounds, i, j, inner, seam, new_i, new_j):
+    n = inner.size - 1
+    chunk = np.empty(n, np.int32)
+    for c in range(chunk_bounds.size - 1):
+        chunk[chunk_bounds[c] : chunk_bounds[c + 1]] = c
+    for p in range(i.size):
+        rows = inner if chunk[i[p]] == chunk[j[p]] else seam
+        rows[max(i[p], j[p])] += 1
+    m = 0
+    for rows in (inner, seam):  # counts become places
+        for k in range(n):
+            m, rows[k] = m + rows[k], m
+        rows[n] = m
+    for p in range(i.size):
+        rows = inner if chunk[i[p]] == chunk[j[p]] else seam
+        late, early = max(i[p], j[p]), min(i[p], j[p])
+        new_i[rows[late]], new_j[rows[late]] = late, early
+        rows[late] += 1
+    for rows in (inner, seam):  # filling moved each row's place to the next one's
+        for k in range(n - 1, 0, -1):
+            rows[k] = rows[k - 1]
+    inner[0], seam[0] = 0, inner[n]
