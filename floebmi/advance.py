@@ -38,9 +38,10 @@ from floebmi.threads import verlet as verlet_in_threads
 from floebmi.tiles import Tiles
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
-# Of the smallest radius; wider where sizes differ much, since few of the pairs then move.
-SKIN = 0.3
-NEAR = 0.1  # the skin of the short list, of that one
+# Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
+CLOSING = 0.3
+WIDEST = 6.0  # how much wider than that the list of pairs may be
+NEAR = 0.1  # the skin of the short list, of the same
 
 
 @dataclass
@@ -141,14 +142,16 @@ class Advance:
         radius = self.packed.floes.r[~self.packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
-        self.skin = SKIN * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
+        # wider where sizes differ much: then few pairs are close, and a list costs more than a step
+        self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
+        self.skin = self.closing * min(max(1.0, octaves), WIDEST)
         self.pairs, self.tiles = list_pairs(
             self.packed, self.contact, self.period, self.skin, old, old_tiles, old_place
         )
         parts = len(self.tiles.parts) - 1
         self.lists = Lists(
             self.pairs, near_of(self.pairs, parts), self.tiles,
-            widest_gap(self.packed, self.contact), NEAR * self.skin,
+            widest_gap(self.packed, self.contact), NEAR * self.closing,
         )  # fmt: skip
         self._list_walls()
         self._touch()
@@ -156,28 +159,44 @@ class Advance:
 
     @property
     def stiffest(self) -> Stiffest:
-        """What sets the step of this list; found when it is asked for."""
+        """What sets the step until floes have strayed further; found when it is asked for."""
         if self._stiffest is None:
             self._stiffest = stiffest(
                 self.contact,
                 self.packed,
                 self.pairs,
                 self.period,
-                self.walls._replace(walls=self.state.walls),
+                self.walls._replace(walls=self.state.walls), self.closing,
             )
         return self._stiffest
 
     def _begin(self) -> None:
         """What steps need besides the list."""
         self.here = tuple(at.take(self.packed.number, axis=1) for at in self.at)
-        self.travelled = 0.0
         self.state.counters.rebuilds += 1
+        self.room = self._half_skin()
+        self._mark(self.packed.first_x, self.packed.first_y)
 
-    def _walls_strayed(self) -> float:
-        return float(np.abs(self.state.walls.position - self.walls_first).max(initial=0.0))
+    def _mark(self, x: np.ndarray, y: np.ndarray) -> None:
+        """From where on floes and walls stray: no more than they have room for until the list is stale."""
+        self.marked = x, y, self.state.walls.position.copy()
+        self.travelled = 0.0
+
+    def _strayed(self) -> float:
+        x, y, walls = self.marked
+        apart = np.abs(self.state.walls.position - walls).max(initial=0.0)
+        return max(strayed(self.packed.floes, x, y, self.still), float(apart))
+
+    def _stray_on(self) -> bool:
+        """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
+        if self.room - self.travelled <= 0.5 * self.closing:
+            return False
+        self.room -= self.travelled
+        self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
+        self._stiffest = None
+        return True
 
     def _list_walls(self) -> None:
-        self.walls_first = self.state.walls.position.copy()
         records, floes, numbers = self.packed.floes, [], []
         if self.contact is not None:
             near = records.r + self.skin
@@ -305,7 +324,7 @@ class Advance:
         done = 0.0
         while done < duration:
             done = self._some_steps(done, duration)
-            if done < duration:
+            if done < duration and not self._stray_on():
                 self._renew()
         self.finish()
 
@@ -326,11 +345,15 @@ class Advance:
             self._count(n, dt)
             self._check(dt, done + taken * dt)
             if taken < steps:
-                self.travelled = max(strayed(self.packed, self.still), self._walls_strayed())
-                if self.travelled > 0.7 * self._half_skin():
+                self.travelled = self._strayed()
+                if self.travelled > 0.7 * self._reach():
                     break
         reached = done + taken * dt
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
+
+    def _reach(self) -> float:
+        """How far floes may stray from their marks [m] before something has to be looked at anew."""
+        return min(self.room, 0.5 * self.closing) if self.contact is not None else self.room
 
     def _half_skin(self) -> float:
         if self.packed.land.all():
@@ -362,7 +385,7 @@ class Advance:
     def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
         books = self._books()
         floes = self._laws(self.forces, self.here), self.packed, self.lists, self.walls, books
-        reach = self.travelled, self._half_skin()
+        reach = self.travelled, self._reach()
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)
         else:

@@ -273,11 +273,13 @@ def stiffest(
     pairs: PairList,
     period: tuple[float | None, float | None],
     walls: Walls,
+    closing: float,
 ) -> Stiffest:
     """Bound on the highest frequency of the pack, from each floe's own stiffness sum (eq. stable-step).
 
-    All listed pairs count as contacts, so the bound holds until the list is renewed; and no floe counts
-    for less than one in a hexagonal pack without friction, so that a single collision is resolved as well.
+    All pairs that may close count as contacts, so the bound holds until floes have strayed half of `closing` [m];
+    and no floe counts for less than one in a hexagonal pack without friction, so that a single collision is
+    resolved as well.
     """
     if contact is None or not len(packed.number):
         return Stiffest(0.0, -1, 0.0)
@@ -293,6 +295,8 @@ def stiffest(
             pairs.i,
             pairs.j,
             walls,
+            closing,
+            widest_gap(packed, contact),
         )
     )
 
@@ -300,7 +304,7 @@ def stiffest(
 @jit
 def _stiffest(
     law, period_x, period_y, floes, inverse_x, inverse_y, spinning, inverse_spin,
-    pair_i, pair_j, walls,
+    pair_i, pair_j, walls, closing, widest,
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
@@ -313,6 +317,8 @@ def _stiffest(
         one, other = floes[i], floes[j]
         dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
         distance = np.sqrt(dx * dx + dy * dy)
+        if distance > (one.r + other.r) * (1.0 + widest) + closing:
+            continue
         nx, ny = dx / distance, dy / distance
         k_n = stiffness(law.elastic, one.h, other.h)
         w_i, w_j = max(inverse_x[i], inverse_y[i]), max(inverse_x[j], inverse_y[j])
@@ -459,22 +465,13 @@ def deepest(period_x, period_y, floes, pair_i, pair_j):
     return which, deepest_share
 
 
-def strayed(packed: Packed, keep_still: bool) -> float:
-    """Largest way of a floe since the list was made, relative to the pack's common drift [m].
+def strayed(floes: np.ndarray, x: np.ndarray, y: np.ndarray, keep_still: bool) -> float:
+    """Largest way of a floe from x, y, relative to the pack's common drift [m].
 
     keep_still : there are walls or edges, which do not drift along
     """
-    return float(
-        np.sqrt(
-            sum(
-                _half_range(now - first, keep_still) ** 2
-                for now, first in (
-                    (packed.floes.x, packed.first_x),
-                    (packed.floes.y, packed.first_y),
-                )
-            )
-        )
-    )
+    ways = floes.x - x, floes.y - y
+    return float(np.sqrt(sum(_half_range(way, keep_still) ** 2 for way in ways)))
 
 
 def _half_range(way: np.ndarray, keep_still: bool) -> float:
