@@ -17,7 +17,16 @@ from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import Books, Laws, Lists, Step, Walls, taylor, touch_once, verlet
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import BOOKED, Force, at_floes, fastest_rate, speed_bound, without_fluid
+from floebmi.forces import (
+    BOOKED,
+    Force,
+    at_floes,
+    by_block,
+    by_row,
+    fastest_rate,
+    speed_bound,
+    without_fluid,
+)
 from floebmi.kernels import BLOCK
 from floebmi.pack import (
     Stiffest,
@@ -166,13 +175,14 @@ class Advance:
                 self.packed,
                 self.pairs,
                 self.period,
-                self.walls._replace(walls=self.state.walls), self.closing,
+                self.walls._replace(walls=self.state.walls),
+                self.closing,
             )
         return self._stiffest
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.here = tuple(at.take(self.packed.number, axis=1) for at in self.at)
+        self.here = tuple(by_block(at.take(self.packed.number, axis=1)) for at in self.at)
         self.state.counters.rebuilds += 1
         self.room = self._half_skin()
         self._mark(self.packed.first_x, self.packed.first_y)
@@ -232,7 +242,7 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            at[BOOKED, self.packed.number] = here[BOOKED]
+            at[BOOKED, self.packed.number] = by_row(here, len(self.packed.number))[BOOKED]
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -371,9 +381,10 @@ class Advance:
             return np.ones(n // BLOCK + 1, np.int64)
         speed = float(np.sqrt((p.floes.u**2 + p.floes.v**2).max()))
         spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
-        speed = speed_bound(self.forces, self.here, speed)
+        here = [by_row(at, n) for at in self.here]
+        speed = speed_bound(self.forces, here, speed)
         rate = np.zeros(n)
-        for force, at in zip(self.forces, self.here, strict=True):
+        for force, at in zip(self.forces, here, strict=True):
             rate += fastest_rate(force, at, speed, spin)
         held = (p.inverse_x == 0.0) & (p.inverse_y == 0.0)
         if p.inverse_spin is not None:

@@ -27,17 +27,21 @@ from floebmi.forces import (
     D_U,
     D_V,
     FORCE_BUFFER,
+    IMPULSE,
     J_XX,
     J_XY,
     J_YX,
     J_YY,
     OMEGA,
     SLOPE,
+    TWIST,
     U,
     V,
-    accelerate,
     book,
-)
+    book_spin,
+    total,
+    total_spin,
+)  # fmt: skip
 from floebmi.kernels import BLOCK, dispatched, jit
 from floebmi.pairs import Near, PairList, narrow, recall, remember, settle, strike, touch_floes
 from floebmi.quantities import Count, Positive, PositiveFraction
@@ -216,8 +220,8 @@ def drift(
     turn_half(spinning, angle, first, n, half, buffer)
     for _ in range(parts):
         push(
-            forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin,
-            held, pushed / parts, constraint, buffer,
+            forces, at, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
+            pushed / parts, constraint, buffer,
         )  # fmt: skip
     fastest = 0.0
     for k in range(n):
@@ -233,7 +237,7 @@ def drift(
 
 @jit
 def glide(p, begin, end, kicked, dt, constraint):
-    """Kick and drift floes on which nothing but contacts acts; returns the largest speed²."""
+    """Kick and drift floes on which nothing else acts now; returns the largest speed²."""
     if p.held.size > 0:
         hold_kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
                   begin, end - begin, kicked, constraint)  # fmt: skip
@@ -307,13 +311,12 @@ def _(walls: None, dt):
 
 @jit
 def push(
-    forces, at, spinning, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held, h,
-    constraint, buffer,
+    forces, at, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held, h, constraint, buffer
 ):  # fmt: skip
     """The other forces on a block of floes: (1 − h/2 Σ J) δu = h Σ a; a held axis keeps its velocity."""
-    half = 0.5 * h
+    half, block = 0.5 * h, first // BLOCK
     buffer[A_X : SLOPE + BLOCK] = 0.0
-    accelerate(forces, at, spinning, first, n, buffer)
+    total(forces, at, block, n, buffer)
     for k in range(n):
         floe = np.uintp(first + k)
         free_x, free_y = inverse_x[floe] > 0.0, inverse_y[floe] > 0.0
@@ -325,56 +328,59 @@ def push(
         scale = h / (m11 * m22 - m12 * m21)
         buffer[D_U + k] = scale * (m22 * ax - m12 * ay)
         buffer[D_V + k] = scale * (m11 * ay - m21 * ax)
-    push_spin(inverse_spin, first, n, h, buffer)
-    book(forces, at, spinning, first, n, mass, inertia, h, buffer)
+    for k in range(n):
+        buffer[IMPULSE + k] = mass[np.uintp(first + k)] * h
+    book(forces, at, block, n, buffer)
     if held.size > 0:
-        hold_back(first, n, mass, inverse_x, inverse_y, h, constraint, buffer)
-        hold_spin_back(inverse_spin, first, n, inertia, h, constraint, buffer)
+        hold_back(first, n, inverse_x, inverse_y, constraint, buffer)
+    push_spin(inverse_spin, forces, at, first, n, inertia, h, held, constraint, buffer)
     for k in range(n):
         buffer[U + k] += buffer[D_U + k]
         buffer[V + k] += buffer[D_V + k]
-        buffer[OMEGA + k] += buffer[D_OMEGA + k]
 
 
 @dispatched
-def push_spin(inverse_spin, first, n, h, buffer):
+def push_spin(inverse_spin, forces, at, first, n, inertia, h, held, constraint, buffer):
+    block = first // BLOCK
+    total_spin(forces, at, block, n, buffer)
     for k in range(n):
+        floe = np.uintp(first + k)
         change = h * buffer[ALPHA + k] / (1.0 - 0.5 * h * buffer[SLOPE + k])
-        buffer[D_OMEGA + k] = change if inverse_spin[np.uintp(first + k)] > 0.0 else 0.0
+        buffer[D_OMEGA + k] = change if inverse_spin[floe] > 0.0 else 0.0
+    for k in range(n):
+        buffer[TWIST + k] = inertia[np.uintp(first + k)] * h
+    book_spin(forces, at, block, n, buffer)
+    if held.size > 0:
+        hold_spin_back(inverse_spin, first, n, constraint, buffer)
+    for k in range(n):
+        buffer[OMEGA + k] += buffer[D_OMEGA + k]
 
 
 @push_spin.register
-def _(inverse_spin: None, first, n, h, buffer):
+def _(inverse_spin: None, forces, at, first, n, inertia, h, held, constraint, buffer):
     pass
 
 
 @jit
-def hold_back(first, n, mass, inverse_x, inverse_y, h, constraint, buffer):
+def hold_back(first, n, inverse_x, inverse_y, constraint, buffer):
     """What holds an axis takes up the other forces along it."""
     for k in range(n):
         du, dv = buffer[D_U + k], buffer[D_V + k]
         if inverse_x[first + k] == 0.0:
             a = buffer[A_X + k] + 0.5 * (buffer[J_XX + k] * du + buffer[J_XY + k] * dv)
-            x = -mass[first + k] * h * a
-            constraint[0] += x
-            constraint[2] += x * buffer[U + k]
+            constraint[0] -= buffer[IMPULSE + k] * a
+            constraint[2] -= buffer[IMPULSE + k] * a * buffer[U + k]
         if inverse_y[first + k] == 0.0:
             a = buffer[A_Y + k] + 0.5 * (buffer[J_YX + k] * du + buffer[J_YY + k] * dv)
-            y = -mass[first + k] * h * a
-            constraint[1] += y
-            constraint[2] += y * buffer[V + k]
+            constraint[1] -= buffer[IMPULSE + k] * a
+            constraint[2] -= buffer[IMPULSE + k] * a * buffer[V + k]
 
 
-@dispatched
-def hold_spin_back(inverse_spin, first, n, inertia, h, constraint, buffer):
+@jit
+def hold_spin_back(inverse_spin, first, n, constraint, buffer):
     for k in range(n):
         if inverse_spin[first + k] == 0.0:
-            constraint[2] -= h * inertia[first + k] * buffer[ALPHA + k] * buffer[OMEGA + k]
-
-
-@hold_spin_back.register
-def _(inverse_spin: None, first, n, inertia, h, constraint, buffer):
-    pass
+            constraint[2] -= buffer[TWIST + k] * buffer[ALPHA + k] * buffer[OMEGA + k]
 
 
 @jit
@@ -491,7 +497,7 @@ def move(
 ):  # fmt: skip
     """Kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed²."""
     p, fastest = packed, 0.0
-    if len(forces) == 0:
+    if len(forces) == 0 or not due:
         return glide(p, begin, end, kicked, dt, constraint)
     for first in range(begin, end, BLOCK):
         n = min(BLOCK, end - first)
@@ -500,7 +506,7 @@ def move(
         speed2 = drift(
             forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
             p.inverse_y, p.inverse_spin, p.held, first, n, dt, pushed,
-            substeps[first // BLOCK] if due else 0, constraint, buffer,
+            substeps[first // BLOCK], constraint, buffer,
         )  # fmt: skip
         fastest = max(fastest, speed2)
     return fastest
@@ -524,7 +530,7 @@ def end_steps(packed, walls, dt, constraint):
 
 @jit
 def sweep(laws, packed, lists, first, last, moves, touches, kicked, dt, pushed, substeps, due, books,
-          pair_buffer, force_buffer):  # fmt: skip
+          pair_buffer, floe_buffer):  # fmt: skip
     """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed²."""
     p, bounds, fastest = packed, lists.tiles.bounds, 0.0
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
@@ -532,7 +538,7 @@ def sweep(laws, packed, lists, first, last, moves, touches, kicked, dt, pushed, 
         if moves:
             speed2 = move(
                 laws.forces, laws.at, p, bounds[tile], bounds[tile + 1], kicked, dt, pushed,
-                substeps, due, books.held[tile], force_buffer,
+                substeps, due, books.held[tile], floe_buffer,
             )  # fmt: skip
             fastest = max(fastest, speed2)
         if touches:
@@ -553,7 +559,7 @@ def verlet(
     """
     p, tiles = packed, lists.tiles.bounds.size - 1
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
-    pair_buffer, force_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
+    pair_buffer, floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
     while done < steps and travelled < half_skin:
         lag[0] += dt
@@ -563,13 +569,13 @@ def verlet(
         fastest = max(
             move_walls(walls.walls, kicked, dt),
             sweep(laws, p, lists, 0, tiles, True, not anew, kicked, dt, lag[0], substeps, due, books,
-                  pair_buffer, force_buffer),
+                  pair_buffer, floe_buffer),
         )  # fmt: skip
         way = dt * np.sqrt(fastest)
         if anew:
             narrow_tiles(laws, p, lists, 0, tiles + 1, way)
             sweep(laws, p, lists, 0, tiles, False, True, kicked, dt, lag[0], substeps, due, books,
-                  pair_buffer, force_buffer)  # fmt: skip
+                  pair_buffer, floe_buffer)  # fmt: skip
         touch_edges(laws, p, lists, walls, dt, inverse, books, pair_buffer)
         if due:
             lag[:] = 0.0
@@ -600,7 +606,7 @@ def taylor(third_order, laws, packed, lists, walls, books, dt, steps, travelled,
     """
     p, forces, at, tiles = packed, laws.forces, laws.at, lists.tiles.bounds.size - 1
     constraint = books.held[tiles]
-    pair_buffer, buffer = np.empty(PAIR_BUFFER), np.zeros(FORCE_BUFFER)
+    pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force)
@@ -617,11 +623,13 @@ def taylor(third_order, laws, packed, lists, walls, books, dt, steps, travelled,
                 buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
             turn_half(p.spinning, p.angle, first, n, 0.0, buffer)
             buffer[D_U : SLOPE + BLOCK] = 0.0
-            accelerate(forces, at, p.spinning, first, n, buffer)
-            book(forces, at, p.spinning, first, n, p.mass, p.inertia, dt, buffer)
+            for k in range(n):
+                buffer[IMPULSE + k] = p.mass[first + k] * dt
+            total(forces, at, first // BLOCK, n, buffer)
+            book(forces, at, first // BLOCK, n, buffer)
             if p.held.size > 0:
-                hold_back(first, n, p.mass, p.inverse_x, p.inverse_y, dt, constraint, buffer)
-                hold_spin_back(p.inverse_spin, first, n, p.inertia, dt, constraint, buffer)
+                hold_back(first, n, p.inverse_x, p.inverse_y, constraint, buffer)
+            twist(p.spinning, forces, at, first, n, p, dt, constraint, buffer)
             for k in range(n):
                 floe, contact = p.floes[first + k], p.force[first + k]
                 inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
@@ -671,6 +679,22 @@ def forget_torque(spinning, force):
 
 @forget_torque.register
 def _(spinning: None, force):
+    pass
+
+
+@dispatched
+def twist(spinning, forces, at, first, n, p, dt, constraint, buffer):
+    """Torques of the fluids at the old spin, and their work."""
+    for k in range(n):
+        buffer[TWIST + k] = p.inertia[first + k] * dt
+    total_spin(forces, at, first // BLOCK, n, buffer)
+    book_spin(forces, at, first // BLOCK, n, buffer)
+    if p.held.size > 0:
+        hold_spin_back(p.inverse_spin, first, n, constraint, buffer)
+
+
+@twist.register
+def _(spinning: None, forces, at, first, n, p, dt, constraint, buffer):
     pass
 
 

@@ -168,6 +168,18 @@ def without_fluid(at: np.ndarray) -> np.ndarray:
 # ---- the laws in the kernel -------------------------------------------------------------------------
 
 
+def row(at, name, k):
+    """What a force knows of floe k: from its table, or in kernels from a row of it by block."""
+    return at[name, k]
+
+
+@overload(row)
+def _row(at, name, k):
+    if at.ndim == 2:
+        return lambda at, name, k: at[name, k]
+    return lambda at, name, k: at[np.uintp(name * BLOCK + k)]  # unsigned: no wrap-around
+
+
 class Push(NamedTuple):
     """Acceleration [m/s²] and its derivative in the velocity [1/s]."""
 
@@ -202,12 +214,12 @@ def quadratic_drag(rate, du, dv):
 
 @acceleration.register
 def _(force: OceanDrag, at, k, u, v):
-    return quadratic_drag(at[RATE, k], at[FLUID_U, k] - u, at[FLUID_V, k] - v)
+    return quadratic_drag(row(at, RATE, k), row(at, FLUID_U, k) - u, row(at, FLUID_V, k) - v)
 
 
 @acceleration.register
 def _(force: AirDrag, at, k, u, v):
-    return quadratic_drag(at[RATE, k], at[FLUID_U, k] - u, at[FLUID_V, k] - v)
+    return quadratic_drag(row(at, RATE, k), row(at, FLUID_U, k) - u, row(at, FLUID_V, k) - v)
 
 
 @acceleration.register
@@ -218,14 +230,19 @@ def _(force: Coriolis, at, k, u, v):
 
 @acceleration.register
 def _(force: CoriolisField, at, k, u, v):
-    f = at[PARAMETER, k]
+    f = row(at, PARAMETER, k)
     return Push(f * v, -f * u, 0.0, f, -f, 0.0)
 
 
 @acceleration.register
 def _(force: Tilt, at, k, u, v):
     return Push(
-        -force.gravity * at[FLUID_U, k], -force.gravity * at[FLUID_V, k], 0.0, 0.0, 0.0, 0.0
+        -force.gravity * row(at, FLUID_U, k),
+        -force.gravity * row(at, FLUID_V, k),
+        0.0,
+        0.0,
+        0.0,
+        0.0,
     )
 
 
@@ -247,12 +264,12 @@ def quadratic_torque(spin_rate, slip):
 
 @spin_up.register
 def _(force: OceanDrag, at, k, omega):
-    return quadratic_torque(at[SPIN_RATE, k], at[HALF_CURL, k] - omega)
+    return quadratic_torque(row(at, SPIN_RATE, k), row(at, HALF_CURL, k) - omega)
 
 
 @spin_up.register
 def _(force: AirDrag, at, k, omega):
-    return quadratic_torque(at[SPIN_RATE, k], at[HALF_CURL, k] - omega)
+    return quadratic_torque(row(at, SPIN_RATE, k), row(at, HALF_CURL, k) - omega)
 
 
 def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: float) -> float:
@@ -297,104 +314,116 @@ def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> np.
 
 # Rows of the buffer of a block of floes.  Results lie below what they are computed from: only so can the
 # compiler see that no later floe reads what an earlier one wrote.
-BOOK_X, BOOK_Y, BOOK_WORK, D_U, D_V, D_OMEGA, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, ALPHA, SLOPE, U, V, OMEGA = (
-    row * BLOCK for row in range(17)
-)  # fmt: skip
-FORCE_BUFFER = 17 * BLOCK
+D_U, D_V, D_OMEGA, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, ALPHA, SLOPE, IMPULSE, TWIST, U, V, OMEGA = (
+    row * BLOCK for row in range(16)
+)
+FORCE_BUFFER = 16 * BLOCK
 
 
-def accelerate(forces, at, spinning, first, n, buffer):
-    """Add Σ a, Σ J and their like for rotation of n floes from `first` on to the buffer."""
-    for force, here in zip(forces, at, strict=True):
-        _accelerate_one(force, here, spinning, first, n, buffer)
+def by_block(at: np.ndarray) -> np.ndarray:
+    """A table (rows, n) as kernels take it: a row for each block of floes, in it the rows of the table."""
+    rows, n = at.shape
+    blocks = np.zeros((-(-n // BLOCK), rows, BLOCK))
+    full = n // BLOCK
+    blocks[:full] = at[:, : full * BLOCK].reshape(rows, full, BLOCK).transpose(1, 0, 2)
+    blocks[full:, :, : n % BLOCK] = at[:, full * BLOCK :]
+    return blocks.reshape(len(blocks), rows * BLOCK)
 
 
-def book(forces, at, spinning, first, n, mass, inertia, dt, buffer):
-    """Book the impulse m Δt (a + ½ J δu) of each force on n floes, and its work."""
-    for force, here in zip(forces, at, strict=True):
-        _book_one(force, here, spinning, first, n, mass, inertia, dt, buffer)
+def by_row(blocks: np.ndarray, n: int) -> np.ndarray:
+    """The table (rows, n) again."""
+    rows = blocks.shape[1] // BLOCK
+    return blocks.reshape(-1, rows, BLOCK).transpose(1, 0, 2).reshape(rows, -1)[:, :n]
 
 
-@overload(accelerate)
-def _accelerate(forces, at, spinning, first, n, buffer):
+def total(forces, at, block, n, buffer):
+    """Add Σ a and Σ J of the n floes of a block to the buffer."""
+    raise NotImplementedError
+
+
+def total_spin(forces, at, block, n, buffer):
+    """The same of their rotation."""
+    raise NotImplementedError
+
+
+def book(forces, at, block, n, buffer):
+    """Book the impulse m Δt (a + ½ J δu) of each force on the floes of a block, and its work."""
+    raise NotImplementedError
+
+
+def book_spin(forces, at, block, n, buffer):
+    """Book the work of each torque."""
+    raise NotImplementedError
+
+
+@overload(total)
+def _total(forces, at, block, n, buffer):
     if len(forces) == 0:
-        return lambda forces, at, spinning, first, n, buffer: None
+        return lambda forces, at, block, n, buffer: None
 
-    def each(forces, at, spinning, first, n, buffer):
-        _accelerate_one(forces[0], at[0], spinning, first, n, buffer)
-        accelerate(forces[1:], at[1:], spinning, first, n, buffer)
+    def each(forces, at, block, n, buffer):
+        here = at[0][block]
+        for k in range(n):
+            a = acceleration(forces[0], here, k, buffer[U + k], buffer[V + k])
+            buffer[A_X + k] += a.x
+            buffer[A_Y + k] += a.y
+            buffer[J_XX + k] += a.xx
+            buffer[J_XY + k] += a.xy
+            buffer[J_YX + k] += a.yx
+            buffer[J_YY + k] += a.yy
+        total(forces[1:], at[1:], block, n, buffer)
+
+    return each
+
+
+@overload(total_spin)
+def _total_spin(forces, at, block, n, buffer):
+    if len(forces) == 0:
+        return lambda forces, at, block, n, buffer: None
+
+    def each(forces, at, block, n, buffer):
+        here = at[0][block]
+        for k in range(n):
+            alpha, slope = spin_up(forces[0], here, k, buffer[OMEGA + k])
+            buffer[ALPHA + k] += alpha
+            buffer[SLOPE + k] += slope
+        total_spin(forces[1:], at[1:], block, n, buffer)
 
     return each
 
 
 @overload(book)
-def _book(forces, at, spinning, first, n, mass, inertia, dt, buffer):
+def _book(forces, at, block, n, buffer):
     if len(forces) == 0:
-        return lambda forces, at, spinning, first, n, mass, inertia, dt, buffer: None
+        return lambda forces, at, block, n, buffer: None
 
-    def each(forces, at, spinning, first, n, mass, inertia, dt, buffer):
-        _book_one(forces[0], at[0], spinning, first, n, mass, inertia, dt, buffer)
-        book(forces[1:], at[1:], spinning, first, n, mass, inertia, dt, buffer)
+    def each(forces, at, block, n, buffer):
+        here = at[0][block]
+        for k in range(n):
+            u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
+            a = acceleration(forces[0], here, k, u, v)
+            x = buffer[IMPULSE + k] * (a.x + 0.5 * (a.xx * du + a.xy * dv))
+            y = buffer[IMPULSE + k] * (a.y + 0.5 * (a.yx * du + a.yy * dv))
+            here[X * BLOCK + k] += x
+            here[Y * BLOCK + k] += y
+            here[WORK * BLOCK + k] += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+        book(forces[1:], at[1:], block, n, buffer)
 
     return each
 
 
-@jit
-def _accelerate_one(force, at, spinning, first, n, buffer):
-    for k in range(n):
-        floe = np.uintp(first + k)  # unsigned: no wrap-around of negative indices
-        a = acceleration(force, at, floe, buffer[U + k], buffer[V + k])
-        buffer[A_X + k] += a.x
-        buffer[A_Y + k] += a.y
-        buffer[J_XX + k] += a.xx
-        buffer[J_XY + k] += a.xy
-        buffer[J_YX + k] += a.yx
-        buffer[J_YY + k] += a.yy
-    _turn_one(spinning, force, at, first, n, buffer)
+@overload(book_spin)
+def _book_spin(forces, at, block, n, buffer):
+    if len(forces) == 0:
+        return lambda forces, at, block, n, buffer: None
 
+    def each(forces, at, block, n, buffer):
+        here = at[0][block]
+        for k in range(n):
+            omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
+            alpha, slope = spin_up(forces[0], here, k, omega)
+            twist = buffer[TWIST + k] * (alpha + 0.5 * slope * change)
+            here[WORK * BLOCK + k] += twist * (omega + 0.5 * change)
+        book_spin(forces[1:], at[1:], block, n, buffer)
 
-@jit
-def _book_one(force, at, spinning, first, n, mass, inertia, dt, buffer):
-    for k in range(n):
-        floe = np.uintp(first + k)
-        u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
-        a = acceleration(force, at, floe, u, v)
-        x = mass[floe] * dt * (a.x + 0.5 * (a.xx * du + a.xy * dv))
-        y = mass[floe] * dt * (a.y + 0.5 * (a.yx * du + a.yy * dv))
-        buffer[BOOK_X + k] = x
-        buffer[BOOK_Y + k] = y
-        buffer[BOOK_WORK + k] = x * (u + 0.5 * du) + y * (v + 0.5 * dv)
-    _book_turn_one(spinning, force, at, first, n, inertia, dt, buffer)
-    for k in range(n):
-        floe = np.uintp(first + k)
-        at[X, floe] += buffer[BOOK_X + k]
-        at[Y, floe] += buffer[BOOK_Y + k]
-        at[WORK, floe] += buffer[BOOK_WORK + k]
-
-
-@dispatched
-def _turn_one(spinning, force, at, first, n, buffer):
-    for k in range(n):
-        alpha, slope = spin_up(force, at, np.uintp(first + k), buffer[OMEGA + k])
-        buffer[ALPHA + k] += alpha
-        buffer[SLOPE + k] += slope
-
-
-@_turn_one.register
-def _(spinning: None, force, at, first, n, buffer):
-    pass
-
-
-@dispatched
-def _book_turn_one(spinning, force, at, first, n, inertia, dt, buffer):
-    for k in range(n):
-        floe = np.uintp(first + k)
-        omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
-        alpha, slope = spin_up(force, at, floe, omega)
-        angular_impulse = inertia[floe] * dt * (alpha + 0.5 * slope * change)
-        buffer[BOOK_WORK + k] += angular_impulse * (omega + 0.5 * change)
-
-
-@_book_turn_one.register
-def _(spinning: None, force, at, first, n, inertia, dt, buffer):
-    pass
+    return each

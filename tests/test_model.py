@@ -10,7 +10,15 @@ from floebmi.contact import Contact, cohesive, frictional, prepare
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
 from floebmi.floes import Floes
-from floebmi.forces import FORCE_BUFFER, AirDrag, BodyForce, Coriolis, OceanDrag, at_floes
+from floebmi.forces import (
+    FORCE_BUFFER,
+    AirDrag,
+    BodyForce,
+    Coriolis,
+    OceanDrag,
+    at_floes,
+    by_block,
+)
 from floebmi.grid import Grid
 from floebmi.kernels import FASTMATH
 from floebmi.model import Model
@@ -56,14 +64,11 @@ def machine_code(function, *arguments):
 def push_code(*forces):
     f = Floes(0.0, 0.0, 10.0, 1.0)
     at = tuple(
-        at_floes(force, f.radius, f.thickness, 0.9 * f.thickness, 934.0, False, f.land)
+        by_block(at_floes(force, f.radius, f.thickness, 0.9 * f.thickness, 934.0, False, f.land))
         for force in forces
     )
-    one, none = np.ones(1), np.zeros(0, np.int64)
-    buffer = np.zeros(FORCE_BUFFER)
-    arguments = (
-        forces, at, None, 0, 1, one, None, one, one, None, none, 1.0, np.zeros(3), buffer,
-    )  # fmt: skip
+    one, none, buffer = np.ones(1), np.zeros(0, np.int64), np.zeros(FORCE_BUFFER)
+    arguments = forces, at, 0, 1, one, None, one, one, None, none, 1.0, np.zeros(3), buffer
     return machine_code(dynamics.push.py_func, *arguments)
 
 
