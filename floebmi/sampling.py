@@ -344,6 +344,10 @@ def coverage(
 
 def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
     """Weights "overlap": the areas in wet cells over their sum; wet is (grid.size,) bool."""
+    if wet.all():  # nothing to leave out: the rows are those of the areas
+        weight = coverage.area.copy()
+        _normalise(coverage.start, weight)
+        return Weights(coverage.start, coverage.cell, weight, coverage.size)
     start = np.zeros(coverage.start.size, np.int64)
     cell, weight = np.empty(coverage.cell.size, np.int64), np.empty(coverage.cell.size)
     m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, weight)
