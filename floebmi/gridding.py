@@ -98,9 +98,10 @@ def give_back(
         last_x[c] = last_y[c] = 0.0
     for k in range(start.size - 1):
         x, y = impulse_x[k], impulse_y[k]
-        for e in range(start[k], start[k + 1]):
-            last_x[cell[e]] -= weight[e] * x
-            last_y[cell[e]] -= weight[e] * y
+        for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+            c, w = np.uintp(cell[e]), weight[e]  # unsigned: no wrap-around of negative indices
+            last_x[c] -= w * x
+            last_y[c] -= w * y
     for c in range(last_x.size):
         total_x[c] += last_x[c]
         total_y[c] += last_y[c]
@@ -118,9 +119,10 @@ def sizes_of_drag(
         magnitude[c] = slope[c] = 0.0
     for k in range(start.size - 1):
         size = np.sqrt(impulse_x[k] * impulse_x[k] + impulse_y[k] * impulse_y[k])
-        for e in range(start[k], start[k + 1]):
-            magnitude[cell[e]] += weight[e] * size
-            slope[cell[e]] += weight[e] * coefficient[k]
+        for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+            c, w = np.uintp(cell[e]), weight[e]
+            magnitude[c] += w * size
+            slope[c] += w * coefficient[k]
     for c in range(cell_area.size):
         magnitude[c] /= cell_area[c]
         slope[c] /= cell_area[c]

@@ -201,8 +201,9 @@ def _gather_each(start, cell, weight, fields, outs):
     for k in range(start.size - 1):
         for q in range(len(fields)):
             field, total = fields[q], 0.0
-            for m in range(start[k], start[k + 1]):
-                total += weight[m] * field[cell[m]]
+            for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+                # unsigned: no wrap-around of negative indices, a third of the time
+                total += weight[m] * field[np.uintp(cell[m])]
             outs[q][k] = total
 
 
