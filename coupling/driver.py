@@ -45,7 +45,8 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
@@ -181,8 +182,8 @@ def couple(
     InputError
         before the run: unknown names, units that do not fit, cells that BMI does not tell, clocks that differ.
     CouplingError
-        in the run: values that are not finite, a grid that changed, a clock that went back, a model that
-        failed.  The line says when and where the floes' state is.
+        values that are not finite, a grid that changed, a clock that went back, a model that failed, or
+        that does not answer to begin with.  The line says when, and in the run where the floes' state is.
     """
     coupling = Coupling(
         host,
@@ -330,6 +331,19 @@ class Coupling:
 
     def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
         """Exchange until a time of the floes' clock [s]; returns the ledger so far."""
+        with _in_one_line("couple: before the first exchange"):
+            count, start = self._prepare(until)
+        if show is not None:
+            show(repr(self))
+            show(HEADER)
+        for k in range(1, count + 1):
+            line = self.exchange(start + k * self.every if k < count else float(until))
+            if show is not None:
+                show(str(line))
+        return self.ledger
+
+    def _prepare(self, until: float) -> tuple[int, float]:
+        """How many exchanges there are to come, and from when [s]; host and floes then stand together."""
         start = self.floes.time()
         count = round((until - start) / self.every)
         if count < 0 or abs(count * self.every - (until - start)) > SAME_TIME * self.every:
@@ -344,14 +358,7 @@ class Coupling:
                     f" {side.end_time():g} s"
                 )
         self._catch_up()
-        if show is not None:
-            show(repr(self))
-            show(HEADER)
-        for k in range(1, count + 1):
-            line = self.exchange(start + k * self.every if k < count else float(until))
-            if show is not None:
-                show(str(line))
-        return self.ledger
+        return count, start
 
     def exchange(self, until: float) -> Exchange:
         """One exchange, to a time of the floes' clock [s]."""
@@ -361,10 +368,8 @@ class Coupling:
             begin = f"{now:g} "
             line = self._exchange(now, until)
         except Exception as error:
-            details = getattr(error, "details", None)  # where gRPC has its text
-            text = str(details() if callable(details) else error) or type(error).__name__
             raise CouplingError(
-                f"exchange {len(self.ledger) + 1}, {begin}… {until:g} s: {text.splitlines()[0]}"
+                f"exchange {len(self.ledger) + 1}, {begin}… {until:g} s: {_first_line(error)}"
                 f"; {self._save()}"
             ) from error
         self.ledger.append(line)
@@ -487,6 +492,23 @@ class Coupling:
         return "\n".join(lines)
 
 
+@contextmanager
+def _in_one_line(where: str) -> Iterator[None]:
+    """A model that fails in here, or whose process is gone, is told of in one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise CouplingError(f"{where}: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    details = getattr(error, "details", None)  # where gRPC has its text
+    text = str(details() if callable(details) else error) or type(error).__name__
+    return text.splitlines()[0]
+
+
 class _Impulse(NamedTuple):
     """Of ice on water in one exchange: on the floes' grid, on the host's, lost between them [N s]."""
 
@@ -503,11 +525,12 @@ class _Side:
         self, name: str, model: Bmi, units: Mapping[str, str], grids: Mapping[int, Grid]
     ) -> None:
         self.name, self.model = name, model
-        self.inputs = tuple(model.get_input_var_names())
-        self.outputs = tuple(model.get_output_var_names())
         self._units, self._given = units, grids
         self._grids: dict[tuple[int, str], tuple[Grid, str, str]] = {}
-        self._second = _seconds(model.get_time_units(), name)
+        with _in_one_line(f"couple: the {name}"):
+            self.inputs = tuple(model.get_input_var_names())
+            self.outputs = tuple(model.get_output_var_names())
+            self._second = _seconds(model.get_time_units(), name)
 
     def title(self) -> str:
         return f"{self.name} {self.model.get_component_name()!r}"

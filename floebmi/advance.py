@@ -43,6 +43,7 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import PairList, near_of
+from floebmi.quantities import all_finite
 from floebmi.threads import verlet as verlet_in_threads
 from floebmi.tiles import Tiles
 
@@ -84,7 +85,7 @@ class State:
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, deepcopy(self.rng),
-            tuple(map(copy, self.feeders)), deepcopy(self.ledger), copy(self.counters),
+            tuple(map(copy, self.feeders)), self.ledger.copy(), copy(self.counters),
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
@@ -242,7 +243,9 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            at[BOOKED, self.packed.number] = by_row(here, len(self.packed.number))[BOOKED]
+            booked = by_row(here, len(self.packed.number))[BOOKED]
+            for row, new in zip(at[BOOKED], booked, strict=True):  # faster than all at once
+                row[self.packed.number] = new
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -421,10 +424,10 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.hypot(floes.u, floes.v)
+        speed = np.sqrt(floes.u**2 + floes.v**2)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
-        wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
-        if wild.any():
+        if not (all_finite(speed) and all_finite(floes.x) and all_finite(floes.y)):
+            wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
             floe = self.packed.number[np.argmax(wild)]
             raise StabilityError(
                 f"floe {floe}: position or velocity is no longer finite {at}; "

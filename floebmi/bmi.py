@@ -45,6 +45,7 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
+from floebmi.quantities import all_finite
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -643,9 +644,9 @@ class FloeBmi(Bmi):
         self._now("set_value_at_indices").taken_over(row)
 
     def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray | None) -> None:
-        finite = np.isfinite(given)
-        if finite.all():
+        if all_finite(given):
             return
+        finite = np.isfinite(given)
         wet = self._now("set_value").wet_of(row)
         wrong = ~finite & (wet if inds is None else wet[inds])
         if wrong.any():

@@ -32,6 +32,14 @@ class Ledger:
         self.accounts: dict[str, np.ndarray] = {}
         self.turnover = np.zeros(4)  # sum of what passed, whatever its sign
 
+    def copy(self) -> "Ledger":
+        """The same, to go back to."""
+        other = Ledger()
+        other.start, other.now = self.start.copy(), self.now.copy()
+        other.turnover = self.turnover.copy()
+        other.accounts = {name: row.copy() for name, row in self.accounts.items()}
+        return other
+
     def open(self, stock: np.ndarray) -> None:
         """Begin with what is there: (mass, momentum x, momentum y, energy)."""
         self.start = stock.copy()

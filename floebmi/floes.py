@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
+from floebmi.quantities import all_finite
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
 FIXED_Y = 2
@@ -348,6 +349,9 @@ def _common_length(values: dict[str, np.ndarray]) -> int:
 def _check(name: str, values: np.ndarray, first: int) -> None:
     unit = _UNITS.get(name)
     if unit is None:
+        return
+    bounded = name in ("radius", "thickness", *_OWN_TYPES)
+    if all_finite(values) and not (bounded and values.min(initial=1.0) <= 0):
         return
     wrong = ~np.isfinite(values)
     if name in ("radius", "thickness"):

@@ -87,31 +87,45 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
 
 @jit
 def give_back(
-    start, cell, weight, impulse_x, impulse_y, coefficient, cell_area,
-    last_x, last_y, magnitude, slope, total_x, total_y,
+    start, cell, weight, impulse_x, impulse_y, last_x, last_y, total_x, total_y,
 ):  # fmt: skip
     """Share out what a fluid gave to the floes, by the weights it was read with, and turn its sign.
 
-    impulse_x, impulse_y, coefficient : of each floe [N s], [kg/s], for the rows of the weights
-    cell_area : [m²]
+    impulse_x, impulse_y : of each floe [N s], for the rows of the weights
     last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
-    magnitude, slope : filled with Σ |impulse| [N s/m²] and Σ coefficient [kg m-2 s-1] per cell area
     """
-    sums = np.zeros((cell_area.size, 4))  # what a cell gets lies together in memory
+    for c in range(last_x.size):
+        last_x[c] = last_y[c] = 0.0
     for k in range(start.size - 1):
         x, y = impulse_x[k], impulse_y[k]
-        size = np.sqrt(x * x + y * y)
-        for e in range(start[k], start[k + 1]):
-            c, w = cell[e], weight[e]
-            sums[c, 0] -= w * x
-            sums[c, 1] -= w * y
-            sums[c, 2] += w * size
-            sums[c, 3] += w * coefficient[k]
-    for c in range(cell_area.size):
-        last_x[c], last_y[c] = sums[c, 0], sums[c, 1]
-        magnitude[c], slope[c] = sums[c, 2] / cell_area[c], sums[c, 3] / cell_area[c]
+        for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+            c, w = np.uintp(cell[e]), weight[e]  # unsigned: no wrap-around of negative indices
+            last_x[c] -= w * x
+            last_y[c] -= w * y
+    for c in range(last_x.size):
         total_x[c] += last_x[c]
         total_y[c] += last_y[c]
+
+
+@jit
+def sizes_of_drag(
+    start, cell, weight, impulse_x, impulse_y, coefficient, cell_area, magnitude, slope
+):
+    """Fill magnitude and slope with Σ |impulse| [N s/m²] and Σ coefficient [kg m-2 s-1] per cell area.
+
+    coefficient : of each floe [kg/s]; the others as for `give_back`
+    """
+    for c in range(cell_area.size):
+        magnitude[c] = slope[c] = 0.0
+    for k in range(start.size - 1):
+        size = np.sqrt(impulse_x[k] * impulse_x[k] + impulse_y[k] * impulse_y[k])
+        for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+            c, w = np.uintp(cell[e]), weight[e]
+            magnitude[c] += w * size
+            slope[c] += w * coefficient[k]
+    for c in range(cell_area.size):
+        magnitude[c] /= cell_area[c]
+        slope[c] /= cell_area[c]
 
 
 STATE = (

@@ -57,11 +57,12 @@ from floebmi.gridding import (
     internal_stress,
     maximum_shear,
     pressure,
+    sizes_of_drag,
 )
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look, remembered
 from floebmi.pairs import PairList
-from floebmi.quantities import check, words
+from floebmi.quantities import all_finite, check, words
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -93,14 +94,18 @@ class Fluid:
     coriolis : Coriolis parameter [1/s], or None
     impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
     last_x, last_y : the part of it from the last exchange [N s]
-    magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²]
-    coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]
+    magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
+        of the ocean, else None
+    coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]; of the ocean, else
+        None
     undelivered : impulse (x, y) that found no wet cell [N s]
     layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
         when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
     """
 
-    def __init__(self, grid: Grid, tilt: bool = False, coriolis: bool = False) -> None:
+    def __init__(
+        self, grid: Grid, ocean: bool = False, tilt: bool = False, coriolis: bool = False
+    ) -> None:
         def zeros() -> np.ndarray:
             return np.zeros(grid.size)
 
@@ -110,7 +115,7 @@ class Fluid:
         self.coriolis = zeros() if coriolis else None
         self.impulse_x, self.impulse_y = zeros(), zeros()
         self.last_x, self.last_y = zeros(), zeros()
-        self.magnitude, self.coefficient = zeros(), zeros()
+        self.magnitude, self.coefficient = (zeros(), zeros()) if ocean else (None, None)
         self.undelivered = np.zeros(2)
         self.layer_thickness: float | None = None
         self._curl: Vorticity | None = None
@@ -205,7 +210,7 @@ class Model:
         kinds = {type(force) for force in self.forces}
         self.ocean = self.atmosphere = None
         if kinds & {OceanDrag, Tilt, CoriolisField}:
-            self.ocean = Fluid(self.grid, Tilt in kinds, CoriolisField in kinds)
+            self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
         if AirDrag in kinds:
             self.atmosphere = Fluid(atmosphere_grid or self.grid)
         modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
@@ -439,7 +444,7 @@ class Model:
                 )
             for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
                 values = getattr(fluid, name)
-                if values is None:
+                if values is None or all_finite(values):
                     continue
                 wrong = ~np.isfinite(values) & fluid.grid.wet
                 if wrong.any():
@@ -524,17 +529,19 @@ class Model:
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             fluid, f = self._fluid_of(force), self.floes
-            speed = np.sqrt((at[FLUID_U] - f.u) ** 2 + (at[FLUID_V] - f.v) ** 2)
-            slip = np.where(f.active, speed * at[RATE] * f.mass(self.ice_density), 0.0)
             w = weights[id(fluid.grid)]
-            give_back(
-                w.start, w.cell, w.weight, at[X, :known], at[Y, :known], slip[:known],
-                fluid.grid.area, fluid.last_x, fluid.last_y, fluid.magnitude, fluid.coefficient,
-                fluid.impulse_x, fluid.impulse_y,
-            )  # fmt: skip
-            lost = without_cell(w)
+            rows, impulse = (w.start, w.cell, w.weight), (at[X, :known], at[Y, :known])
+            give_back(*rows, *impulse, fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y)
+            if fluid.magnitude is not None:
+                speed = np.sqrt((at[FLUID_U] - f.u) ** 2 + (at[FLUID_V] - f.v) ** 2)
+                mass = np.where(f.active, f.mass(self.ice_density), 0.0)
+                slip = speed * at[RATE] * mass
+                sizes_of_drag(
+                    *rows, *impulse, slip[:known], fluid.grid.area, fluid.magnitude, fluid.coefficient
+                )  # fmt: skip
+            lost = np.flatnonzero(without_cell(w))
             for axis, values in enumerate((at[X], at[Y])):
-                fluid.undelivered[axis] -= values[:known][lost].sum()
+                fluid.undelivered[axis] -= values[lost].sum()
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""
@@ -658,7 +665,7 @@ class Model:
                 fields[name] = np.multiply(one, other, out=out[name])
 
         for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
-            if fluid is None:
+            if fluid is None or not (out is None or any(name.startswith(what) for name in out)):
                 continue
             per_area = sign / fluid.grid.area
             mean = per_area * over

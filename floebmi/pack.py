@@ -97,13 +97,13 @@ def pack(
     if remainder is not None:
         first_x, first_y = first_x + remainder[number, 0], first_y + remainder[number, 1]
     radius = floes.radius[number]
-    records["x"], records["y"], records["r"] = first_x, first_y, radius
-    records["h"] = floes.thickness[number]
-    records["u"], records["v"] = floes.u[number], floes.v[number]
     inverse = 1.0 / mass
     inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
     inverse_y = np.where(bits & FIXED_Y, 0.0, inverse)
-    records["w"] = np.maximum(inverse_x, inverse_y)
+    _fill(
+        records, first_x, first_y, radius, np.maximum(inverse_x, inverse_y),
+        number, floes.thickness, floes.u, floes.v,
+    )  # fmt: skip
     inertia = inverse_spin = angle = None
     if rotation:
         records["omega"] = floes.angular_velocity[number]
@@ -131,6 +131,16 @@ def pack(
         None if floes.friction is None else floes.friction[number],
         None if floes.tensile_strength is None else floes.tensile_strength[number],
     )
+
+
+@jit
+def _fill(records, x, y, r, w, number, h, u, v):
+    """Write records one after the other: column by column each would be fetched many times."""
+    for k in range(number.size):
+        floe = number[k]
+        record = records[k]
+        record.x, record.y, record.r, record.w = x[k], y[k], r[k], w[k]
+        record.h, record.u, record.v = h[floe], u[floe], v[floe]
 
 
 def unpack(

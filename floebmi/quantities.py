@@ -6,6 +6,7 @@ import operator
 from collections.abc import Iterable, Iterator
 from typing import Annotated, get_args, get_type_hints
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from floebmi.errors import InputError
@@ -77,3 +78,10 @@ def _parts(hint: object) -> Iterator[object]:
     yield from getattr(hint, "__metadata__", ())
     for inner in get_args(hint):
         yield from _parts(inner)
+
+
+def all_finite(values: np.ndarray) -> bool:
+    """Whether every number is finite; quick where it is so, since then their sum is finite as well."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        total = values.sum()
+    return bool(np.isfinite(total) or np.isfinite(values).all())

@@ -201,8 +201,9 @@ def _gather_each(start, cell, weight, fields, outs):
     for k in range(start.size - 1):
         for q in range(len(fields)):
             field, total = fields[q], 0.0
-            for m in range(start[k], start[k + 1]):
-                total += weight[m] * field[cell[m]]
+            for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+                # unsigned: no wrap-around of negative indices, a third of the time
+                total += weight[m] * field[np.uintp(cell[m])]
             outs[q][k] = total
 
 
@@ -282,10 +283,21 @@ def images(
     """
     length_x, length_y = check_period(grid, period)
     west, east, south, north = grid.bounds
-    first_x, count_x = _repeats(west, east, reach_x, x, length_x)
-    first_y, count_y = _repeats(south, north, reach_y, y, length_y)
-    start, thing, image_x, image_y = blocks(first_x, count_x, first_y, count_y)
-    return start, thing, x[thing] + image_x * length_x, y[thing] + image_y * length_y
+    within = (x - reach_x > west) & (x + reach_x < east)
+    within &= (y - reach_y > south) & (y + reach_y < north)
+    rim = np.flatnonzero(~within)  # all others have one image, themselves
+    reach_x, reach_y = (np.broadcast_to(reach, x.shape)[rim] for reach in (reach_x, reach_y))
+    first_x, count_x = _repeats(west, east, reach_x, x[rim], length_x)
+    first_y, count_y = _repeats(south, north, reach_y, y[rim], length_y)
+    _, _, along_x, along_y = blocks(first_x, count_x, first_y, count_y)
+    count = np.ones(x.size, np.int64)
+    count[rim] = count_x * count_y
+    start, thing = np.concatenate([[0], np.cumsum(count)]), np.repeat(np.arange(x.size), count)
+    image_x, image_y = x[thing], y[thing]
+    of_rim = np.flatnonzero(~within[thing])
+    image_x[of_rim] += along_x * length_x
+    image_y[of_rim] += along_y * length_y
+    return start, thing, image_x, image_y
 
 
 def coverage(
@@ -333,6 +345,10 @@ def coverage(
 
 def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
     """Weights "overlap": the areas in wet cells over their sum; wet is (grid.size,) bool."""
+    if wet.all():  # nothing to leave out: the rows are those of the areas
+        weight = coverage.area.copy()
+        _normalise(coverage.start, weight)
+        return Weights(coverage.start, coverage.cell, weight, coverage.size)
     start = np.zeros(coverage.start.size, np.int64)
     cell, weight = np.empty(coverage.cell.size, np.int64), np.empty(coverage.cell.size)
     m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, weight)

@@ -58,14 +58,18 @@ def _uniform(grid: Grid) -> np.ndarray:
 
 
 @jit
-def _differences(cell, nx, ax, bx, ay, by, u, v, out):
+def _differences(runs, nx, ax, bx, ay, by, u, v, out):
     """Curl where the fit is symmetric: weights a of the cells beside, b of those across a corner."""
-    for k in range(cell.size):
-        c = cell[k]
-        n, s = c + nx, c - nx
-        v_x = ax * (v[c + 1] - v[c - 1]) + bx * (v[n + 1] - v[n - 1] + v[s + 1] - v[s - 1])
-        u_y = ay * (u[n] - u[s]) + by * (u[n + 1] - u[s + 1] + u[n - 1] - u[s - 1])
-        out[c] = v_x - u_y
+    one = np.uintp(1)
+    for run in range(runs.shape[0]):
+        for cell in range(runs[run, 0], runs[run, 1]):
+            c = np.uintp(cell)  # unsigned: no wrap-around of negative indices
+            west, east, n, s = c - one, c + one, c + nx, c - nx
+            v_x = ax * (v[east] - v[west]) + bx * (
+                v[n + one] - v[n - one] + v[s + one] - v[s - one]
+            )
+            u_y = ay * (u[n] - u[s]) + by * (u[n + one] - u[s + one] + u[n - one] - u[s - one])
+            out[c] = v_x - u_y
 
 
 class Vorticity:
@@ -77,18 +81,20 @@ class Vorticity:
     def __init__(self, grid: Grid) -> None:
         along_x, along_y = gradient_operators(grid)
         inner = _uniform(grid)
-        self.inner, self.rest = np.flatnonzero(inner), np.flatnonzero(~inner)
+        self.rest = np.flatnonzero(~inner)
+        ends = np.flatnonzero(np.diff(inner.astype(np.int8), prepend=0, append=0))
+        self.runs = ends.reshape(-1, 2)  # of cells in a row, from and to
         self.along_x, self.along_y = along_x[self.rest], along_y[self.rest]
-        if len(self.inner):
-            c, nx = self.inner[0], grid.shape[1]
+        if len(self.runs):
+            c, nx = self.runs[0, 0], grid.shape[1]
             self.weights = (
-                nx, along_x[c, c + 1], along_x[c, c + nx + 1], along_y[c, c + nx], along_y[c, c + nx + 1]
+                np.uintp(nx), along_x[c, c + 1], along_x[c, c + nx + 1], along_y[c, c + nx], along_y[c, c + nx + 1]
             )  # fmt: skip
 
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """∂v/∂x − ∂u/∂y [1/s], shape (size,), counter-clockwise positive; dry cells are not read."""
         out = np.empty(u.size)
         out[self.rest] = self.along_x @ v - self.along_y @ u
-        if len(self.inner):
-            _differences(self.inner, *self.weights, u, v, out)
+        if len(self.runs):
+            _differences(self.runs, *self.weights, u, v, out)
         return out

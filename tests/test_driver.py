@@ -799,6 +799,13 @@ def test_a_host_in_another_process_gives_the_same_bits_and_may_die(ocean, tmp_pa
         with pytest.raises(CouplingError, match="floes at 3000 s") as caught:
             coupling.exchange(3600.0)
         assert "\n" not in str(caught.value)
+        for attempt, where in (
+            (lambda: coupling.run(3600.0), "before the first exchange"),
+            (lambda: Coupling(there, remote_ice, 600.0), "the host"),
+        ):
+            with pytest.raises(CouplingError, match=f"^couple: {where}: .*connect") as caught:
+                attempt()
+            assert "\n" not in str(caught.value)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("grpc4bmi") is None, reason="needs grpc4bmi")

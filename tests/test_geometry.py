@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from floebmi.errors import InputError
-from floebmi.geometry import cut, disc_polygon, disc_rectangle
+from floebmi.geometry import arcsine, cut, disc_polygon, disc_rectangle
 
 SQUARE = np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 ELL = np.array([-1.0, 1.0, 1.0, 0.0, 0.0, -1.0]), np.array([-1.0, -1.0, 0.0, 0.0, 1.0, 1.0])
@@ -68,6 +68,14 @@ def test_rectangle_and_polygon_formulas_agree():
         polygon = disc_polygon(*corners, 0.0, 0.0, r)
         rectangle = disc_rectangle(west, east, south, north, 0.0, 0.0, r)
         assert polygon == pytest.approx(rectangle, abs=4e-15 * r * r)
+
+
+def test_the_inline_arcsine_agrees_with_the_c_library_to_two_units_in_the_last_place():
+    edge = np.array([0.0, 1e-300, 1e-9, 0.5, np.nextafter(0.5, 1), np.nextafter(1, 0), 1.0])
+    s = np.concatenate([edge, np.linspace(0.0, 1.0, 2001)])
+    for sign in (1, -1):
+        for value in sign * s:
+            assert abs(arcsine(value) - math.asin(value)) <= 2 * math.ulp(math.asin(value))
 
 
 def test_areas_agree_with_photutils_on_random_rectangles():
