@@ -220,7 +220,10 @@ class Feeder:
         close = np.flatnonzero(floes.active & (np.abs(other - across) < near))
         half = np.sqrt(near[close] ** 2 - (other[close] - across) ** 2)
         low, high = self.span[0] + radius, self.span[1] - radius
-        blocked = sorted(zip(along[close] - half, along[close] + half, strict=True))
+        period = self.domain.period[1 - self.axis]
+        shifts = [0.0] if period is None else [-period, 0.0, period]  # across a seam, too
+        centres = along[close] + np.array(shifts)[:, None]
+        blocked = sorted(zip((centres - half).ravel(), (centres + half).ravel(), strict=True))
         free, start = [], low
         for begin, end in [*blocked, (high, high)]:
             if begin > start:

@@ -270,15 +270,20 @@ def run(
 def _as_accurate(
     read: "Scene", scene: str, overrides: tuple[str, ...], accuracy: float, quiet: bool
 ) -> "Scene":
-    """The scene with the setting that a stored result recommends; what is set by hand comes last."""
+    """The scene with the setting that a stored result recommends.
+
+    A result is of the scene with what was set by hand, or of the scene alone: then that is set last.
+    """
     from floebmi.scene import read_scene
     from floebmi.tradeoff import chosen, result, words
 
-    plain = read_scene(scene)
-    setting = chosen(plain, accuracy)
+    alone = result(read) is None
+    measured = read_scene(scene) if alone else read
+    setting = chosen(measured, accuracy)
     if not quiet:
-        click.echo(f"accuracy {accuracy:g}: {words(result(plain), setting)}")
-    return read_scene(scene, (*setting.split(), *overrides))
+        click.echo(f"accuracy {accuracy:g}: {words(result(measured), setting)}")
+    changes = setting.split()
+    return read_scene(scene, (*changes, *overrides) if alone else (*overrides, *changes))
 
 
 def _wants_gridded(scene: "Scene") -> bool:

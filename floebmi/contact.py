@@ -474,7 +474,8 @@ def pair_force(
 
     A step gives half of its time to the force before it and half to the force after it.  Where floes
     touched for a part of the step only, the blow takes back what was too much of that one force; a bond
-    holds to the end of the step in which it breaks.  Losses are what the same forces do along the way.
+    that breaks acts in the first half of the step (eq. broken-bond).  Losses are what the same forces do
+    along the way.
     """
     k_n = stiffness(law.elastic, h_i, h_j)
     mean_radius = 2.0 * r_i * r_j / (r_i + r_j)
@@ -493,23 +494,25 @@ def pair_force(
     braking = brake(law.dashpot, k_n, inverse_mass, opening, overlap, touching, now_bonded)
     pressed = overlap + braking
     f_n, damped = k_n * pressed, k_n * braking
-    part = dt if was_bonded else time_in_contact(law.friction, gap, opening, dt)
+    breaks, gap_before = was_bonded and not touching, gap - opening * dt
+    # a bond that went from overlap to rupture within the step was no more than a contact
+    undivided = was_bonded and not (breaks and gap_before < 0.0)
+    part = dt if undivided else time_in_contact(law.friction, gap, opening, dt)
     f_t_before, f_t, kept, slip_loss = tangential(
         spring, beam, mu, now_bonded, k_n, pressed, slip, slip_rate, part
     )
     moment, kept_bent, bend_loss = bending(beam, now_bonded, k_b, bent, turn_rate, dt)
-    f_n_before = max(damped_before - k_n * (gap - opening * dt), 0.0)
+    both_before = damped_before - k_n * gap_before
+    f_n_before = both_before if was_bonded else max(both_before, 0.0)
     absent = 0.5 * (dt - part)
     blow_n = -absent * (f_n if touching else f_n_before)
     blow_t = -absent * (f_t if touching else f_t_before)
     met = touching and part < dt
     dashpot_blow, dashpot_loss = braked(law.dashpot, damped_before, damped, met, opening, part)
     blow_n += dashpot_blow
-    breaks = was_bonded and not touching
-    blow_n = -0.5 * dt * k_n * gap if breaks else blow_n
     snap_loss = 0.0 if failing else tied(beam, bonded, slip_loss, 0.0)
     friction_loss = slip_loss - snap_loss
-    bond_loss = (0.5 * k_n * gap * gap if breaks else 0.0) + bend_loss + snap_loss
+    bond_loss = (0.5 * k_n * max(gap_before, 0.0) * gap if breaks else 0.0) + bend_loss + snap_loss
     whole = PairForce(
         f_n, f_t, moment, kept, now_bonded, damped, kept_bent, 0.0, 0.0, blow_n, blow_t,
         friction_loss, dashpot_loss, bond_loss, 0.0,

@@ -135,12 +135,12 @@ def run(
             bar.update()
 
         try:
-            if on is None and (jobs or _cores()) == 1:
+            if on is None and (jobs or cores()) == 1:
                 for key in left:
                     keep(key, _attempt(*arguments(key)))
             elif left:
                 for some in _in_waves(left, lambda key: code and code(arguments(key)[1])):
-                    _spread(some, arguments, keep, jobs or _cores(), on)
+                    _spread(some, arguments, keep, jobs or cores(), on)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(done.members)} of {len(names)} members are finished, and will not be run again"
@@ -270,7 +270,8 @@ def _load(path: Path) -> dict[str, np.ndarray]:
 # ---- processes --------------------------------------------------------------------------------
 
 
-def _cores() -> int:
+def cores() -> int:
+    """The processor cores that this process may use, at least 1: the number of jobs unless one is given."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

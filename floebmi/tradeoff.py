@@ -320,11 +320,11 @@ def _affordable(
         begin = time.perf_counter() if k == 0 else begin
     each = (time.perf_counter() - begin) / 3
     runs = seeds * (settings + 8)  # reference and preset take longer, combinations follow
-    exchanges = 60.0 * budget * (jobs or ensemble._cores()) / (runs * each)
+    exchanges = 60.0 * budget * (jobs or ensemble.cores()) / (runs * each)
     frames = int(exchanges * schedule.exchange / schedule.every)
     if frames < 2:
         least = (
-            2 * schedule.every / schedule.exchange * runs * each / 60 / (jobs or ensemble._cores())
+            2 * schedule.every / schedule.exchange * runs * each / 60 / (jobs or ensemble.cores())
         )
         raise InputError(
             f"budget = {budget:g} minutes: too few for two frames of {runs} runs; must be at least {least:.2g}"
@@ -549,15 +549,17 @@ def _hash(text: str) -> str:
 
 
 def result(scene: Scene) -> "xr.Dataset | None":
-    """The result that is stored beside a scene; None if there is none for this text of it."""
+    """The result that is stored beside a scene; None if there is none for this text of it and these overrides."""
+    path = stored(scene)
+    data = _read(path) if path.exists() else None
+    return data if data is not None and data.attrs.get("scene_hash") == _hash(scene.text) else None
+
+
+def _read(path: Path) -> "xr.Dataset":
     import xarray as xr
 
-    path = stored(scene)
-    if not path.exists():
-        return None
     with xr.open_dataset(path) as data:
-        data.load()
-    return data if data.attrs.get("scene_hash") == _hash(scene.text) else None
+        return data.load()
 
 
 def chosen(scene: Scene, accuracy: float) -> str:
@@ -566,13 +568,20 @@ def chosen(scene: Scene, accuracy: float) -> str:
     Raises
     ------
     InputError
-        if there is no result beside the scene, it is of another text of the scene, or nothing is so accurate.
+        if there is no result beside the scene, it is of another text of the scene or of other overrides, or
+        nothing is so accurate.
     """
     path, data = stored(scene), result(scene)
     make = f"floebmi tradeoff {scene.file} --to {path} makes it"
     if not path.exists():
         raise InputError(f"--accuracy: there is no {path.name} beside {scene.file}; {make}")
     if data is None:
+        overrides = json.loads(_read(path).attrs.get("overrides", "[]"))
+        if overrides and result(read_scene(scene.file, overrides)) is not None:
+            same = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
+            raise InputError(
+                f"{path}: was measured with {same}: give these too and first, or {make} anew"
+            )
         raise InputError(f"{path}: was measured for another text of {scene.file}; {make} anew")
     setting = recommended(data, accuracy)
     if setting is None:

@@ -90,6 +90,17 @@ def test_without_its_load_the_same_wall_stays_where_it_was():
     assert model.wall_positions[0] == 20.2
 
 
+def test_an_inflow_sees_the_floes_across_a_periodic_seam():
+    domain = Domain((0.0, 30.0), (0.0, 30.0), "periodic", "periodic")
+    for x in (0.5, 29.5):
+        seam = Floes(x, 28.0, 4.0, 1.0)
+        for seed in range(20):
+            inflow = Inflow("north", SingleSize(2.0))
+            model = Model(domain, seam.copy(), frictional(), inflow=inflow, seed=seed)
+            model.advance(1e-3)
+            assert len(model.floes) > 3 and len(model.contacts().i) == 0
+
+
 def test_an_inflow_adds_floes_as_soon_as_there_is_room_and_books_their_mass():
     inflow = Inflow("north", UniformSize(2.0, 4.0), thickness=1.5, velocity=(0.0, -0.5))
     model = Model(box(), Floes([], [], [], []), contact=frictional(), inflow=inflow, seed=4)

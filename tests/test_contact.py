@@ -15,6 +15,7 @@ from floebmi.contact import (
     frictional,
     pair_force,
     prepare,
+    stiffness,
     stiffness_ratio,
 )
 from floebmi.dynamics import Step
@@ -165,6 +166,50 @@ def test_a_bond_breaks_at_its_strength_and_can_form_again():
     floes.u[1] = -1e-2
     model.advance(30.0)
     assert model.contacts().bonded.all() and len(model.contacts().i) == 1
+
+
+def energy_that_a_break_leaves_unbooked(speed, step, law, holds_on):
+    """A floe of 1 kg tied to a fixed one, its step in units of √(m/k): energy over that of the start.
+
+    holds_on : its bond acts to the end of the step in which it breaks, and all that it stored there is lost
+    """
+    k = stiffness(law.elastic, 1.0, 1.0)
+    dt, gap, u, f, bonded, damped, lost = step / np.sqrt(k), -1e-3, speed, k * 1e-3, 1.0, 0.0, 0.0
+    start = 0.5 * u * u + 0.5 * k * gap * gap
+    while bonded:
+        u += 0.5 * dt * f
+        gap += dt * u
+        now = pair_force(
+            law, gap, u, 0.0, 0.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.0, law.bonds.tensile_strength,
+            0.0, bonded, damped, 0.0, 0.0, 0.0, dt,
+        )  # fmt: skip
+        f, bonded, damped = now.f_n, now.bonded, now.damped
+        blow = -0.5 * dt * k * gap if holds_on and not bonded else now.blow_n
+        lost += 0.5 * k * gap * gap if holds_on and not bonded else now.bond_loss
+        lost += now.dashpot_loss
+        u += 0.5 * dt * f + blow
+    return (0.5 * u * u + lost) / start - 1.0
+
+
+@pytest.mark.parametrize("step", [0.5, 0.25])
+def test_no_energy_is_left_over_where_a_bond_breaks_whatever_the_step(step):
+    law, k = cohesive(500e3), 2e7
+    for speed in np.sqrt(k) * np.linspace(0.4, 0.8, 9):  # breaks at 0.25 m
+        assert abs(energy_that_a_break_leaves_unbooked(speed, step, law, False)) < 1e-6
+        assert abs(energy_that_a_break_leaves_unbooked(speed, step, law, True)) > 1e-3
+
+
+def test_a_bond_without_strength_that_opens_is_a_contact_that_opens():
+    state = 10.0, 10.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
+    step, opening, gap = 0.01, 3.0, 0.01  # touching for two thirds of the step
+    for law in (cohesive(0.0), cohesive(0.0, restitution=0.5)):
+        law = prepare(law)
+        damped = -0.4e7 * 0.02 if law.dashpot else 0.0
+        tied, free = (
+            pair_force(law, gap, opening, 0.0, 0.0, *state, bonded, damped, 0.0, 0.0, 0.0, step)
+            for bonded in (1.0, 0.0)
+        )
+        assert tied == free and tied.blow_n < 0.0 and tied.bond_loss == 0.0
 
 
 def test_without_a_bond_the_same_pull_meets_no_force():

@@ -98,6 +98,36 @@ def test_a_result_of_another_text_of_the_scene_is_refused(tmp_path):
     assert tradeoff.result(scene) is None
 
 
+def test_a_result_is_taken_for_what_was_set_by_hand_when_it_was_measured_or_for_the_scene_alone(
+    tmp_path,
+):
+    path, by_hand = scene_file(tmp_path, QUIET), "step.fraction=0.2"
+    data = numbers([0.01, 0.02, 0.0]).assign_coords(setting=["step.fraction=0.7", "", "fine"])
+
+    def run(measured_with, *changes):
+        text = read_scene(path, measured_with).text
+        data.attrs |= {"scene_hash": tradeoff._hash(text), "overrides": json.dumps(measured_with)}
+        data.to_netcdf(path.with_suffix(".tradeoff.nc"))
+        options = [
+            "--accuracy",
+            "0.1",
+            "--duration",
+            "15",
+            "--force",
+            "--to",
+            str(tmp_path / "out"),
+        ]
+        options += [word for change in changes for word in ("--set", change)]
+        return CliRunner().invoke(command, ["run", str(path), *options], prog_name="floebmi")
+
+    assert "fraction=0.7" in run([by_hand], by_hand).output  # the recommendation was made upon it
+    assert "fraction=0.2" in run([], by_hand).output  # the last word is one's own
+    for changes in ((), ("step.fraction=0.3",)):
+        other = run([by_hand], *changes)
+        assert other.exit_code == 2 and other.stderr.count("\n") == 1
+        assert f"was measured with --set {by_hand}: give these too and first" in other.stderr
+
+
 def test_a_chaotic_scene_is_compared_in_means_over_seeds(tmp_path, few_dials):
     path = scene_file(tmp_path, CHAOTIC)
     made = tradeoff.tradeoff(path, of="area_fraction", seeds=2, jobs=1, to=tmp_path / "t.nc")
