@@ -14,11 +14,16 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 import numba
 import numpy as np
 
 import floebmi as fb
+from floebmi.advance import Advance
+from floebmi.columns import PAIR_BUFFER
+from floebmi.dynamics import narrow_tiles, sweep
+from floebmi.forces import FORCE_BUFFER
 
 LAWS = {
     "frictional": (fb.frictional(), ()),
@@ -106,10 +111,37 @@ def instructions(law: str) -> float:
 def bytes_of_a_step(model: fb.Model) -> float:
     """Bytes a floe that a step of the frictional pack moves at least: each array once each way."""
     now = model._now()
-    p, pairs, n = now.packed, now.pairs, len(model.floes)
-    both = [p.floes, p.force, p.angle, pairs.slip]  # read and written
-    only = [p.inverse_x, p.inverse_y, p.inverse_spin, pairs.i, pairs.j]  # read
+    p, n, tiles = now.packed, len(model.floes), len(now.tiles.bounds) - 1
+    narrow_tiles(now._laws((), ()), p, now.lists, 0, tiles, 0.0)
+    near, close = now.lists.near.pairs, int(now.lists.near.counts.sum())
+    both = [p.floes, p.force, p.angle, near.slip[:close]]  # read and written
+    only = [p.inverse_x, p.inverse_y, p.inverse_spin, near.i[:close], near.j[:close]]  # read
     return (2 * sum(a.nbytes for a in both) + sum(a.nbytes for a in only)) / n
+
+
+def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
+    """What finds the forces of the pairs about to touch, as a step does."""
+    laws, tiles = now._laws((), ()), len(now.tiles.bounds) - 1
+    narrow_tiles(laws, now.packed, now.lists, 0, tiles, 0.0)
+    none, books = np.zeros(1, np.int64), now._books()
+    buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
+    what = (
+        laws,
+        now.packed,
+        now.lists,
+        0,
+        tiles,
+        False,
+        True,
+        dt,
+        dt,
+        dt,
+        none,
+        False,
+        books,
+        *buffers,
+    )
+    return lambda: sweep(*what)
 
 
 def main() -> None:
@@ -134,7 +166,7 @@ def main() -> None:
         model.advance(0.2 * duration)  # compiles
         spent = seconds(model.advance, duration, repeats=3) / steps
         now, moved = model._now(), bytes_of_a_step(model)
-        touch = seconds(now._touch, model.step.length)
+        touch = seconds(contact_forces(now, model.step.length))
         renewal = seconds(
             now._list, model._state.memory, None, np.arange(len(model.floes)), repeats=3
         )
