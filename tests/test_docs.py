@@ -183,6 +183,7 @@ def test_a_wheel_holds_licences_data_types_and_the_page(tmp_path):
     data = ROOT / "floebmi" / "scenes" / "data"
     for file in ("py.typed", "view.html", "scenes/labrador-sea.toml"):
         assert f"floebmi/{file}" in have
+    assert "coupling/py.typed" in have
     for licence in (
         "LICENSE",
         *(f"floebmi/scenes/data/{one.name}" for one in data.glob("*.LICENSE")),
