@@ -106,3 +106,22 @@ def test_a_pack_in_a_box_drifts_as_one_floe_does_and_floes_aground_hold_it(tmp_p
         in printed
     )
     assert (tmp_path / "drift-in-a-box.png").stat().st_size > 30_000
+
+
+@pytest.mark.long
+@real
+@pytest.mark.filterwarnings("ignore:.*set to the bound", "ignore:ice not placed")
+def test_the_speeds_of_the_observed_floes_are_those_of_their_files(tmp_path, capsys):
+    observations = example("observations")
+    found = observations.main(REAL, tmp_path, hours=48.0, days=2.0, radius=1.5e3)
+    floes, drifters, box, barents = found.values()
+    file = np.genfromtxt(
+        REAL / "obs_framstrait_floe_trajectories_2014.csv", delimiter=",", names=True, dtype=None,
+        encoding="utf-8",
+    )  # fmt: skip
+    # the file's own speed is that to the next day
+    assert np.median(floes) == pytest.approx(np.nanmedian(file["speed"]), rel=0.1)
+    assert floes.size == 3861 and drifters.size == 49 and box.size == 2
+    assert 0.05 < np.median(barents) < 0.4
+    assert "observed radii: exponent -3.5 ± 0.1" in capsys.readouterr().out
+    assert (tmp_path / "observations.png").stat().st_size > 30_000
