@@ -28,7 +28,9 @@ PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")],
     key=lambda path: path.relative_to(ROOT),
 )
-PAGES = [path for path in PAGES if not {"_build", "gallery", "made"} & set(path.parts)]
+PAGES = [
+    path for path in PAGES if not {"_build", "gallery", "made"} & set(path.relative_to(ROOT).parts)
+]
 FENCE = re.compile(r"^([^\n]*)\n\n```(\w*)\n(.*?)^```$", re.S | re.M)
 WALKED = ["getting-started", "howto/forcing", "howto/floes-and-coast", "howto/restart", "howto/ensembles"]  # fmt: skip
 

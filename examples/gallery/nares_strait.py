@@ -7,6 +7,7 @@ With friction alone they flow through; with bonds of 200 kPa an arch spans the e
 """
 
 # sphinx_gallery_thumbnail_number = 2
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +18,7 @@ from floebmi.coast import from_land_fraction
 from floebmi.forces import DRAG_PRESETS
 from floebmi.plot import frame
 
-file = xr.open_dataset(Path(__file__).with_name("nares_strait.nc"))  # axes of EPSG:3413
+file = xr.open_dataset(Path(sys.argv[0]).with_name("nares_strait.nc"))  # axes of EPSG:3413
 domain = fb.Domain((-420e3, -160e3), (-960e3, -740e3))
 grid = fb.Grid.uniform(domain.x, domain.y, spacing=20e3)
 coast = from_land_fraction(file.x, file.y, file.land_fraction, radius=2e3)

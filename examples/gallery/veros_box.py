@@ -17,7 +17,7 @@ from matplotlib.collections import EllipseCollection
 
 from floebmi.plot import style
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(sys.argv[0]).resolve().parents[1]))
 from veros_fram_strait import Ocean, make_ice  # noqa: E402
 
 ice = make_ice(radius=(4e3, 8e3), concentration=0.75, channel=False)
