@@ -121,7 +121,7 @@ def main(
     held.motion = np.where(np.arange(len(held)) < aground, FIXED, 0)
     alone = fb.Floes(0.5 * SIDE, 0.5 * SIDE, radius, thickness)
 
-    soft = fb.frictional(friction=0.3, youngs_modulus=2e5)
+    soft = fb.frictional(friction=0.3, youngs_modulus=2e6)
     found = {}
     for name, file, floes, contact in (
         (f"pack of {len(pack)} floes", "floes.nc", pack, soft),

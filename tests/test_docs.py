@@ -28,7 +28,9 @@ PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")],
     key=lambda path: path.relative_to(ROOT),
 )
-PAGES = [path for path in PAGES if not {"_build", "gallery", "made"} & set(path.parts)]
+PAGES = [
+    path for path in PAGES if not {"_build", "gallery", "made"} & set(path.relative_to(ROOT).parts)
+]
 FENCE = re.compile(r"^([^\n]*)\n\n```(\w*)\n(.*?)^```$", re.S | re.M)
 WALKED = ["getting-started", "howto/forcing", "howto/floes-and-coast", "howto/restart", "howto/ensembles"]  # fmt: skip
 
@@ -183,6 +185,7 @@ def test_a_wheel_holds_licences_data_types_and_the_page(tmp_path):
     data = ROOT / "floebmi" / "scenes" / "data"
     for file in ("py.typed", "view.html", "scenes/labrador-sea.toml"):
         assert f"floebmi/{file}" in have
+    assert "coupling/py.typed" in have
     for licence in (
         "LICENSE",
         *(f"floebmi/scenes/data/{one.name}" for one in data.glob("*.LICENSE")),

@@ -1,5 +1,6 @@
 """Each script in examples/ runs, in short, and gives the numbers that theory or the file's own data give."""
 
+import csv
 import importlib.util
 import sys
 from pathlib import Path
@@ -106,3 +107,20 @@ def test_a_pack_in_a_box_drifts_as_one_floe_does_and_floes_aground_hold_it(tmp_p
         in printed
     )
     assert (tmp_path / "drift-in-a-box.png").stat().st_size > 30_000
+
+
+@pytest.mark.long
+@real
+@pytest.mark.filterwarnings("ignore:.*set to the bound", "ignore:ice not placed")
+def test_the_speeds_of_the_observed_floes_are_those_of_their_files(tmp_path, capsys):
+    observations = example("observations")
+    found = observations.main(REAL, tmp_path, hours=48.0, days=1.0, radius=1.5e3)
+    floes, drifters, box, barents = found.values()
+    with (REAL / "obs_framstrait_floe_trajectories_2014.csv").open(encoding="utf-8") as file:
+        speed = [float(row["speed"]) for row in csv.DictReader(file) if row["speed"]]
+    # the file's own speed is that to the next day
+    assert np.median(floes) == pytest.approx(np.nanmedian(speed), rel=0.1)
+    assert floes.size == 3861 and drifters.size == 49 and box.size == 2
+    assert 0.05 < np.median(barents) < 0.4
+    assert "observed radii: exponent -3.5 ± 0.1" in capsys.readouterr().out
+    assert (tmp_path / "observations.png").stat().st_size > 30_000

@@ -4,6 +4,7 @@ The number is `measured`, the pictures are the matplotlib figures that the scrip
 """
 
 import runpy
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -30,7 +31,14 @@ LONG = {
     "drift_29_days": (1.1, 0.5),  # km, of a track of 170 km
     "accuracy_cost": (0.068, 0.3),
     "landlab_eddy": (0.6 * 19**2, 2e-3),  # km²: all the ice that was asked for
-}
+    "nares_strait": ({"friction 0.1": 690.0, "bonds of 200 kPa": 0.0}, 0.15),  # km² on the second day
+    "barents_miz": (  # km along y
+        {"the start": -1235, "wind off the ice": -1239, "wind towards the ice": -1176}, 5e-3,
+    ),
+    "veros_box": (-3.8, 0.1),  # cm/s
+}  # fmt: skip
+HOSTS = {"landlab_eddy": "landlab", "veros_box": "veros"}
+FILES = {"barents_miz": "arctic20_ocean_ice_20160201-05.nc"}
 
 
 def check(name, expected, tolerance):
@@ -59,11 +67,16 @@ def test_a_quick_script_of_the_gallery_gives_its_number(name):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:ice not placed")
+@pytest.mark.filterwarnings("ignore:ice not placed", "ignore:.*set to the bound")
 @pytest.mark.parametrize("name", LONG)
-def test_a_script_of_the_gallery_gives_its_number(name):
-    if name == "landlab_eddy" and find_spec("landlab") is None:
-        pytest.skip("needs landlab")
+def test_a_script_of_the_gallery_gives_its_number(name, monkeypatch):
+    if name in HOSTS and find_spec(HOSTS[name]) is None:
+        pytest.skip(f"needs {HOSTS[name]}")
+    if name in FILES:
+        path = GALLERY.parents[2] / "shared" / "data" / FILES[name]
+        if not path.exists():
+            pytest.skip(f"needs {path.name}")
+        monkeypatch.setattr(sys, "argv", [name, str(path)])
     check(name, *LONG[name])
 
 

@@ -1,6 +1,8 @@
 import base64
 import json
 import re
+import shutil
+import subprocess
 
 import matplotlib
 import numpy as np
@@ -312,6 +314,49 @@ def test_a_page_holds_the_floes_of_every_frame_and_asks_for_nothing(run, tmp_pat
     text = page.read_text(encoding="utf-8")
     assert not re.search(r"https?:|src=|@import|fetch\(", text)
     assert "{{" not in text and text.count("</script>") == 2
+
+
+CLICKS = """
+<script>
+const found = [], note = () => found.push([get("clock").textContent, slider.value, get("play").textContent, sea.toDataURL()]);
+const later = (ms, act) => setTimeout(() => { act(); note(); }, ms);
+note();
+later(100, () => { slider.value = slider.max; slider.dispatchEvent(new Event("input")); });
+later(200, () => { slider.value = 0; slider.dispatchEvent(new Event("input")); });
+later(300, () => get("play").click());
+later(550, () => get("play").click());
+later(1000, () => {});
+setTimeout(() => { document.body.innerHTML = `<pre>${JSON.stringify(found)}</pre>`; }, 1100);
+</script>
+"""
+
+
+@pytest.mark.long
+def test_a_browser_plays_a_page_and_moves_its_slider(run, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("needs chromium")
+    page = draw.page(run[1], tmp_path / "run.html")
+    times = told_by(page)["times"]
+    page.write_text(page.read_text(encoding="utf-8") + CLICKS, encoding="utf-8")
+    words = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--virtual-time-budget=3000",
+        "--dump-dom",
+    ]
+    done = subprocess.run([browser, *words, page], capture_output=True, text=True, timeout=120)
+    start, end, back, played, paused, later = json.loads(
+        re.search(r"<pre>(.*)</pre>", done.stdout)[1]
+    )
+    last = str(len(times) - 1)
+    assert start[:3] == [times[0], "0", "▶"]
+    assert end[:3] == [times[-1], last, "▶"] and end[3] != start[3]
+    assert back == start
+    assert played == [*start[:2], "❚❚", start[3]]
+    assert paused[1] != "0" and paused[2] == "▶" and paused[3] != start[3]
+    assert later == paused
 
 
 def test_a_page_shows_shores_walls_and_periods(tmp_path):

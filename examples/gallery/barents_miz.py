@@ -1,0 +1,40 @@
+"""
+Barents Sea: the ice edge under two winds
+=========================================
+
+Ice and current of an ocean model in February, as floes. Two days of wind off the ice, against the current, just hold
+the edge; two days of wind towards the ice drive it back. ``python barents_miz.py arctic20_ocean_ice_20160201-05.nc``
+"""
+
+import sys
+from tempfile import TemporaryDirectory
+
+import matplotlib.figure
+import numpy as np
+
+import floebmi as fb
+from floebmi.forces import DRAG_PRESETS
+from floebmi.plot import frame, style
+
+path, options = sys.argv[1], {"position": "mapping", "fill_land": "nearest"}
+grid = fb.Grid.uniform(x := (-560e3, -240e3), y := (-1320e3, -880e3), spacing=20e3)
+share, thick = (fb.read_scalar(path, of, grid, **options) for of in ("area_fraction", "thickness"))
+forces = [*DRAG_PRESETS["constant-cd"], fb.Coriolis(1.43e-4)]
+ice = fb.from_field(grid, share * (thick > 0.05), thick, fb.PowerLaw(3e3, 6e3), seed=1)
+current = fb.VelocityFile(path, grid, start="2016-02-01 12:00", **options)
+with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
+    axes = (figure := matplotlib.figure.Figure(figsize=(7, 3.5), layout="constrained")).subplots()
+km, measured = grid.y.reshape(grid.shape)[:, 0] / 1e3, {}
+for name, wind in (("the start", 0), ("wind off the ice", -12), ("wind towards the ice", 12)):
+    model = fb.Model(fb.Domain(x, y), ice.copy(), fb.frictional(), forces=forces, grid=grid)
+    if wind:
+        with TemporaryDirectory() as folder:
+            to = {"trajectories": f"{folder}/floes.nc", "gridded": f"{folder}/gridded.nc"}
+            fb.run(model, 2 * 86400.0, current, fb.Constant(0, wind), every=10800.0, **to)
+            picture = frame(*to.values(), arrows="ocean", title=f"Two days of {name}", size=800)
+    share = model.fields()["area_fraction"].reshape(grid.shape)[:, 3:-5].mean(axis=1)
+    axes.plot(km, share, label=f"after {name}" if wind else "at the start")
+    measured[name] = round(float(np.interp(0.15, share[:16], km[:16])))  # share grows up to there
+axes.legend()
+axes.set(xlabel="y, into the ice [km]", ylabel="area fraction [1]")
+print(f"ice edge (15 %) at y [km]: {measured}")
