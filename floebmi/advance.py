@@ -14,11 +14,24 @@ from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
-from floebmi.dynamics import Books, Laws, Lists, Step, Walls, taylor, touch_once, verlet
+from floebmi.dynamics import (
+    Books,
+    Laws,
+    Lists,
+    Step,
+    Walls,
+    narrow_tiles,
+    settle_tiles,
+    sweep,
+    taylor,
+    touch_edges,
+    verlet,
+)
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import (
     BOOKED,
+    FORCE_BUFFER,
     Force,
     at_floes,
     by_block,
@@ -137,7 +150,7 @@ class Advance:
         self.constraint = np.zeros(3)
         self.losses = np.zeros(5)
         self.lag = np.zeros(2)
-        self.buffer = np.empty(PAIR_BUFFER)
+        self.pair_buffer, self.floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
 
     # ---- packing and the list ----------------------------------------------------------------------
 
@@ -224,12 +237,22 @@ class Advance:
             np.zeros(len(floe)) if dashpot else None,
         )  # fmt: skip
 
-    def _laws(self, forces: tuple[Force, ...], at: tuple[np.ndarray, ...]) -> Laws:
-        return Laws(self.contact, self.wall_law, forces, at, *self.period)
+    def _laws(self) -> Laws:
+        return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        books = self._books()
-        touch_once(self._laws((), ()), self.packed, self.lists, self.walls, books, self.buffer)
+        """The forces at the present place, as a step leaves them; by the kernels that steps are made of."""
+        p, laws, lists, books = self.packed, self._laws(), self.lists, self._books()
+        inverse, seams = (p.inverse_x, p.inverse_y, p.inverse_spin), len(self.tiles.bounds) - 1
+        nothing, floes = (
+            np.zeros(1, np.int64),
+            (self.forces, tuple(np.empty((0, 0)) for _ in self.forces), p, lists),
+        )
+        narrow_tiles(laws, p, lists, 0, seams + 1, 0.0)
+        sweep(laws, *floes, 0, seams, False, True, 0.0, 0.0, 0.0, nothing, False, books,
+              self.pair_buffer, self.floe_buffer)  # fmt: skip
+        touch_edges(laws, p, lists, self.walls, 0.0, inverse, books, self.pair_buffer)
+        settle_tiles(lists)
         self._close(books)
 
     def _books(self) -> Books:
@@ -398,7 +421,7 @@ class Advance:
 
     def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
         books = self._books()
-        floes = self._laws(self.forces, self.here), self.packed, self.lists, self.walls, books
+        floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
         reach = self.travelled, self._reach()
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)

@@ -84,12 +84,10 @@ WALL = np.dtype(
 
 
 class Laws(NamedTuple):
-    """What acts, and where the box ends."""
+    """What contacts do, and where the box ends."""
 
     contact: Any
     wall: Any  # the contact law of walls
-    forces: tuple
-    at: tuple  # what each force needs at the floes
     period_x: float | None
     period_y: float | None
 
@@ -384,38 +382,17 @@ def hold_spin_back(inverse_spin, first, n, constraint, buffer):
 
 
 @jit
-def touch(laws, packed, lists, tile, dt, inverse, books, buffer):
-    """Add the forces of the pairs of a tile, or of the seams, that are on the short list.
-
-    dt : time over which contacts have slipped
-    inverse : inverse masses and inertia; floes whose contact opened or closed are struck, unless it is None
-    """
-    p, begin = packed, lists.tiles.parts[tile]
+def touch_edges(laws, packed, lists, walls, dt, inverse, books, buffer):
+    """Add the forces of near pairs across the seams, and of the walls; `dt`, `inverse` as in `touch_floes`."""
+    p, seams = packed, lists.tiles.parts.size - 2
     touch_floes(
         laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-        p.tensile_strength, lists.near, tile, begin, dt, p.force, inverse, books.held[tile],
-        books.lost[tile], buffer,
+        p.tensile_strength, lists.near, seams, lists.tiles.parts[seams], dt, p.force, inverse,
+        books.held[seams], books.lost[seams], buffer,
     )  # fmt: skip
-
-
-@jit
-def touch_edges(laws, packed, lists, walls, dt, inverse, books, buffer):
-    """The same of the seams and the walls."""
-    p, last = packed, lists.tiles.parts.size - 2
-    touch(laws, p, lists, last, dt, inverse, books, buffer)
-    touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[last], books.lost[last])
-
-
-@jit
-def touch_once(laws, packed, lists, walls, books, buffer):
-    """Add the forces at the present place, as a step leaves them."""
-    p = packed
-    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
-    narrow_tiles(laws, p, lists, 0, lists.tiles.parts.size - 1, 0.0)
-    for tile in range(lists.tiles.bounds.size - 1):
-        touch(laws, p, lists, tile, 0.0, inverse, books, buffer)
-    touch_edges(laws, p, lists, walls, 0.0, inverse, books, buffer)
-    settle_tiles(lists)
+    touch_walls(
+        laws.wall, p.floes, walls, dt, p.force, inverse, books.held[seams], books.lost[seams]
+    )
 
 
 @jit
@@ -529,26 +506,31 @@ def end_steps(packed, walls, dt, constraint):
 
 
 @jit
-def sweep(laws, packed, lists, first, last, moves, touches, kicked, dt, pushed, substeps, due, books,
-          pair_buffer, floe_buffer):  # fmt: skip
+def sweep(laws, forces, at, packed, lists, first, last, moves, touches, kicked, dt, pushed, substeps,
+          due, books, pair_buffer, floe_buffer):  # fmt: skip
     """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed²."""
     p, bounds, fastest = packed, lists.tiles.bounds, 0.0
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     for tile in range(first, last):
         if moves:
             speed2 = move(
-                laws.forces, laws.at, p, bounds[tile], bounds[tile + 1], kicked, dt, pushed,
-                substeps, due, books.held[tile], floe_buffer,
+                forces, at, p, bounds[tile], bounds[tile + 1], kicked, dt, pushed, substeps, due,
+                books.held[tile], floe_buffer,
             )  # fmt: skip
             fastest = max(fastest, speed2)
         if touches:
-            touch(laws, p, lists, tile, dt, inverse, books, pair_buffer)
+            touch_floes(
+                laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
+                p.tensile_strength, lists.near, tile, lists.tiles.parts[tile], dt, p.force, inverse,
+                books.held[tile], books.lost[tile], pair_buffer,
+            )  # fmt: skip
     return fastest
 
 
 @jit
 def verlet(
-    laws, packed, lists, walls, books, dt, steps, substeps, travelled, half_skin, drag_every, lag
+    laws, forces, at, packed, lists, walls, books, dt, steps, substeps, travelled, half_skin,
+    drag_every, lag,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
 
@@ -557,7 +539,7 @@ def verlet(
 
     lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
     """
-    p, tiles = packed, lists.tiles.bounds.size - 1
+    p, first, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     pair_buffer, floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
@@ -566,16 +548,16 @@ def verlet(
         lag[1] += 1.0
         due = lag[1] >= drag_every or done == steps - 1
         anew = is_stale(since, way, lists.skin)
-        fastest = max(
-            move_walls(walls.walls, kicked, dt),
-            sweep(laws, p, lists, 0, tiles, True, not anew, kicked, dt, lag[0], substeps, due, books,
-                  pair_buffer, floe_buffer),
-        )  # fmt: skip
-        way = dt * np.sqrt(fastest)
-        if anew:
-            narrow_tiles(laws, p, lists, 0, tiles + 1, way)
-            sweep(laws, p, lists, 0, tiles, False, True, kicked, dt, lag[0], substeps, due, books,
-                  pair_buffer, floe_buffer)  # fmt: skip
+        fastest = move_walls(walls.walls, kicked, dt)
+        for turn in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
+            if turn == 1:
+                narrow_tiles(laws, p, lists, first, seams + 1, way)
+            speed2 = sweep(
+                laws, forces, at, p, lists, first, seams, turn == 0, turn == 1 or not anew, kicked, dt,
+                lag[0], substeps, due, books, pair_buffer, floe_buffer,
+            )  # fmt: skip
+            fastest = max(fastest, speed2)
+            way = dt * np.sqrt(fastest)
         touch_edges(laws, p, lists, walls, dt, inverse, books, pair_buffer)
         if due:
             lag[:] = 0.0
@@ -583,7 +565,7 @@ def verlet(
         done, kicked = done + 1, dt
     settle_tiles(lists)
     if done > 0:
-        end_steps(p, walls.walls, dt, books.held[tiles])
+        end_steps(p, walls.walls, dt, books.held[seams])
     return done, travelled
 
 
@@ -597,24 +579,30 @@ def is_stale(since, way, skin):
 
 
 @jit
-def taylor(third_order, laws, packed, lists, walls, books, dt, steps, travelled, half_skin):
+def taylor(
+    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, half_skin
+):  # fmt: skip
     """The paper's schemes: forces at the old place and velocity, then one Taylor step.
 
     x += u Δt + ½ a Δt² (+ ⅙ (a − a_old) Δt²),  u += a Δt (+ ½ (a − a_old) Δt)   (eq. taylor)
 
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
     """
-    p, forces, at, tiles = packed, laws.forces, laws.at, lists.tiles.bounds.size - 1
-    constraint = books.held[tiles]
+    p, first, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
+    constraint = books.held[seams]
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force)
         if is_stale(since, way, lists.skin):
-            narrow_tiles(laws, p, lists, 0, tiles + 1, way)
+            narrow_tiles(laws, p, lists, first, seams + 1, way)
             since = 0.0
-        for tile in range(tiles):
-            touch(laws, p, lists, tile, dt, None, books, pair_buffer)
+        for tile in range(first, seams):
+            touch_floes(
+                laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
+                p.tensile_strength, lists.near, tile, lists.tiles.parts[tile], dt, p.force, None,
+                books.held[tile], books.lost[tile], pair_buffer,
+            )  # fmt: skip
         touch_edges(laws, p, lists, walls, dt, None, books, pair_buffer)
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):

@@ -25,7 +25,7 @@ from floebmi.pack import Packed
 
 
 def verlet(
-    threads: int, laws: Laws, packed: Packed, lists: Lists, walls: Walls, books: Books, dt: float, steps: int,
+    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, dt: float, steps: int,
     substeps: np.ndarray, travelled: float, half_skin: float, drag_every: int, lag: np.ndarray,
 ) -> tuple[int, float]:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
@@ -45,7 +45,7 @@ def verlet(
 
         def steps_of(moves: bool, touches: bool) -> Callable[[int, int, int], float]:
             return lambda thread, first, last: sweep(
-                laws, p, lists, first, last, moves, touches, kicked, dt, lag[0], substeps, due, books,
+                laws, forces, at, p, lists, first, last, moves, touches, kicked, dt, lag[0], substeps, due, books,
                 *buffers[thread],
             )  # fmt: skip
 
