@@ -440,7 +440,7 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.sqrt(floes.u**2 + floes.v**2)
+        speed = np.hypot(floes.u, floes.v)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         if not (all_finite(speed) and all_finite(floes.x) and all_finite(floes.y)):
             wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
