@@ -131,6 +131,16 @@ def test_restitution_is_met_for_any_mass_ratio_and_nothing_pulls_as_floes_part(r
     assert least >= 0
 
 
+def test_a_floe_that_touches_just_as_a_step_ends_rebounds_as_one_that_touches_just_before():
+    rebounds = []
+    for gap in (0.0625 - 1e-9, 0.0625, 0.0625 + 1e-9):  # 0.0625 m are four steps, to the bit
+        floes = Floes([0.0, 20.0 + gap], 0.0, 10.0, 1.0, u=[1.0, 0.0])
+        law = Contact(dashpot=Restitution(0.3))
+        Model(DOMAIN, floes, contact=law, step=Step(length=2.0**-6)).advance(1.0)
+        rebounds.append(floes.u[1] - floes.u[0])
+    assert rebounds == pytest.approx([rebounds[1]] * 3, rel=0.01)
+
+
 def test_restitution_against_a_fixed_floe_is_met_too():
     floes = Floes([0.0, 20.02], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])
     model = Model(
