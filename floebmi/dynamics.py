@@ -593,16 +593,16 @@ def taylor(
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.  What a floe
     gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
     """
-    p, first_tile, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
+    p, start, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
     constraint, ahead = books.held[seams], 0.5 if third_order else 0.0
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force)
         if is_stale(since, way, lists.skin):
-            narrow_tiles(laws, p, lists, first_tile, seams + 1, way)
+            narrow_tiles(laws, p, lists, start, seams + 1, way)
             since = 0.0
-        for tile in range(first_tile, seams):
+        for tile in range(start, seams):
             touch_floes(
                 laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
                 p.tensile_strength, lists.near, tile, lists.tiles.parts[tile], dt, p.force, None,
