@@ -119,9 +119,9 @@ def test_restitution_is_met_for_any_mass_ratio_and_nothing_pulls_as_floes_part(r
         [0.0, 11.05 * np.sqrt(ratio)], 0.0, [10.0, 10.0 * np.sqrt(ratio)], 1.0, u=[0.1, 0]
     )
     floes.x[1] = 10.02 + floes.radius[1]
-    model = Model(
-        DOMAIN, floes, contact=Contact(dashpot=Restitution(wanted)), step=Step(fraction=0.05)
-    )
+    # of first order in the step: e = 0.1 errs by 2.6 % at 0.05 of the limit, whatever the phase
+    law, step = Contact(dashpot=Restitution(wanted)), Step(fraction=0.03)
+    model = Model(DOMAIN, floes, contact=law, step=step)
     least = 0.0
     for _ in range(60):
         model.advance(0.05)
