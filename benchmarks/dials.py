@@ -16,7 +16,7 @@ from floebmi.floes import FIXED
 from floebmi.neighbours import find_pairs
 
 WINDOW = 50  # steps after which floes are looked at
-STILL = 1e-4  # of its radius that a floe at rest moves in a window, at most
+STILL = 1e-4, 1e-6  # of its radius that a floe at rest moves in a window, at most
 AHEAD = 10  # steps of a contact-free floe that one long step could stand for
 
 
@@ -224,14 +224,15 @@ def _push(floes, branch, i, j, nothing, buffer, force):
 
 def main() -> None:
     columns = (
-        "scene", "floes", "contacts", "multirate: floes", "pairs", "at rest", "gain", "error of ways", "free floes",
-        "gain", "free time", "gain", "single: error of force", "gain",
+        "scene", "floes", "contacts", "multirate: floes", "pairs",
+        *(name for still in STILL for name in (f"at rest, {still:g} r", "gain", "error of ways")),
+        "free floes", "gain", "free time", "gain", "single: error of force", "gain",
     )  # fmt: skip
     print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
     for build in (dilute, jammed, wide):
         model = build()
         floes, pairs = multirate(model)
-        rest, free = sleeping(model, STILL), without_contact(model)
+        rests, free = [sleeping(model, still) for still in STILL], without_contact(model)
         error, faster = single(model)
 
         def gain(share: float, left: float = 0.0) -> str:
@@ -239,9 +240,9 @@ def main() -> None:
 
         cells = (
             build.__name__, f"{len(model.floes)}", f"{len(model.contacts().i)}", f"{floes:.2f}", f"{pairs:.2f}",
-            f"{rest.share:.2f}", gain(rest.share), f"{rest.error:.1g}", f"{free.floes:.2f}",
-            gain(free.floes, 1.0 / AHEAD), f"{free.time:.2f}", gain(free.time, 1.0 / AHEAD), f"{error:.1g}",
-            f"{faster:.2f}",
+            *(c for r in rests for c in (f"{r.share:.2f}", gain(r.share), f"{r.error:.1g}")),
+            f"{free.floes:.2f}", gain(free.floes, 1.0 / AHEAD), f"{free.time:.2f}",
+            gain(free.time, 1.0 / AHEAD), f"{error:.1g}", f"{faster:.2f}",
         )  # fmt: skip
         print("| " + " | ".join(cells) + " |", flush=True)
 

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 import floebmi as fb
 from floebmi.floes import COAST, FIXED, FIXED_X, FIXED_Y
 
+TOLD_EVERY = 100  # scenes: a run that is killed has told what it found
 CLOSED = {"mass": 1e-12, "momentum_x": 1e-9, "momentum_y": 1e-9}
 
 
@@ -221,9 +222,15 @@ def main() -> None:
         ends[end.word] += 1
         if end.word == "broken" or options.show == end.word:
             print(f"{end.text[:300]}\n  {scene}", flush=True)
+        if sum(ends.values()) % TOLD_EVERY == 0:
+            tell()
+
+    def tell() -> None:
+        counts = ", ".join(f"{n} {word}" for word, n in sorted(ends.items()))
+        print(f"seed {options.seed}, {sum(ends.values())} scenes: {counts}", flush=True)
 
     each()
-    print(f"seed {options.seed}: {', '.join(f'{n} {word}' for word, n in sorted(ends.items()))}")
+    tell()
     raise SystemExit(1 if ends["broken"] else 0)
 
 

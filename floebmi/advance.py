@@ -83,7 +83,7 @@ class State:
 
     walls: np.ndarray
     memory: PairList
-    previous: np.ndarray | None
+    previous: np.ndarray | None  # see `pack`
     remainder: np.ndarray | None  # what rounding took from places far from (0, 0), (n, 2) [m]
     rng: np.random.Generator
     feeders: tuple[Feeder, ...] = ()
@@ -287,11 +287,24 @@ class Advance:
         self._list(old, old_tiles, old_place)
         self._begin()
         if len(leaving):
+            self._change_anew()
             stock = floe_stock(self.floes, leaving, self.density)
             stock[3] -= self.elastic_energy() - elastic
             self.state.ledger.book("outflow", *-stock)
         if len(new):
             self.state.ledger.book("inflow", *floe_stock(self.floes, new, self.density))
+
+    def _change_anew(self) -> None:
+        """The change of forces that `taylor3` reads begins anew, with those among the floes that are here.
+
+        The last forces on them may be of floes that have left: their end would act on one side alone.
+        """
+        previous, force, walls = self.packed.previous, self.packed.force, self.state.walls
+        if previous is None:
+            return
+        for column, name in enumerate(("x", "y", "torque")[: 2 + self.floes.rotation]):
+            previous[:, column] = force[name]
+        walls.previous[:] = walls.force
 
     def _wrap(self) -> None:
         """Bring floes beyond a periodic seam to the other side."""

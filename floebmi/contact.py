@@ -507,7 +507,7 @@ def pair_force(
     absent = 0.5 * (dt - part)
     blow_n = -absent * (f_n if touching else f_n_before)
     blow_t = -absent * (f_t if touching else f_t_before)
-    met = touching and part < dt
+    met = touching and damped_before == 0.0  # not by `part`: floes may meet as the step before ends
     dashpot_blow, dashpot_loss = braked(law.dashpot, damped_before, damped, met, opening, part)
     blow_n += dashpot_blow
     snap_loss = 0.0 if failing else tied(beam, bonded, slip_loss, 0.0)

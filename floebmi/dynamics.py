@@ -77,6 +77,7 @@ WALL = np.dtype(
         ("press", np.float64),  # force that the wall is loaded with, towards the ice [N]
         ("damping", np.float64),  # rate [1/s]
         ("force", np.float64),  # of the ice on the wall, along the axis [N]
+        ("previous", np.float64),  # the same one step before, for the paper's third-order scheme
         ("impulse", np.float64),  # given to the ice, along the axis [N s]
         ("work", np.float64),  # done on the ice [J]
     ]
@@ -186,17 +187,20 @@ def _(spinning: None, force, inverse_spin, first, n, dt, constraint):
 
 
 @dispatched
-def kick_walls(walls, dt):
+def kick_walls(walls, dt, ahead):
+    """Forces of the ice change the speed of walls; `ahead`: as much of their last change goes on top of them."""
     for w in range(walls.size):
         wall = walls[w]
-        change = dt * wall.inverse_mass * (wall.force + wall.side * wall.press)
-        wall.impulse -= dt * wall.force
-        wall.work -= dt * wall.force * (wall.speed + 0.5 * change)
+        force = wall.force + ahead * (wall.force - wall.previous)
+        wall.previous = wall.force
+        change = dt * wall.inverse_mass * (force + wall.side * wall.press)
+        wall.impulse -= dt * force
+        wall.work -= dt * force * (wall.speed + 0.5 * change)
         wall.speed += change
 
 
 @kick_walls.register
-def _(walls: None, dt):
+def _(walls: None, dt, ahead):
     pass
 
 
@@ -460,7 +464,7 @@ def move(
 @jit
 def move_walls(walls, kicked, dt):
     """Kick and drift the walls; returns the largest speed²."""
-    kick_walls(walls, kicked)
+    kick_walls(walls, kicked, 0.0)
     return drift_walls(walls, dt)
 
 
@@ -468,7 +472,7 @@ def move_walls(walls, kicked, dt):
 def end_steps(packed, walls, dt, constraint):
     """The second half of the last kick."""
     p = packed
-    kick_walls(walls, 0.5 * dt)
+    kick_walls(walls, 0.5 * dt, 0.0)
     kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
          0, p.floes.size, 0.5 * dt, 1.0, constraint)  # fmt: skip
 
@@ -559,10 +563,12 @@ def taylor(
 
     x += u Δt + ½ a Δt² (+ ⅙ (a − a_old) Δt²),  u += a Δt (+ ½ (a − a_old) Δt)   (eq. taylor)
 
-    a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
+    a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.  What a floe
+    gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
     """
     p, near, parts = packed, lists.near, lists.near.counts.size
     start, constraint = parts - parts, books.held[parts - 1]
+    ahead = 0.5 if third_order else 0.0
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
@@ -578,6 +584,7 @@ def taylor(
                 books.lost[part], pair_buffer,
             )  # fmt: skip
         touch_walls(laws.wall, p.floes, walls, dt, p.force, None, constraint, books.lost[parts - 1])
+        hold_taylor(p, ahead, dt, constraint)
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):
             n = min(BLOCK, p.floes.size - first)
@@ -599,29 +606,51 @@ def taylor(
                 ax, ay = inverse_x * contact.x, inverse_y * contact.y
                 ox = buffer[A_X + k] if inverse_x > 0.0 else 0.0
                 oy = buffer[A_Y + k] if inverse_y > 0.0 else 0.0
-                jerk_x = (ax - previous[0]) if third_order else 0.0
-                jerk_y = (ay - previous[1]) if third_order else 0.0
+                jerk_x = inverse_x * (contact.x - previous[0]) if third_order else 0.0
+                jerk_y = inverse_y * (contact.y - previous[1]) if third_order else 0.0
                 floe.x += (floe.u + (0.5 * (ax + ox) + jerk_x / 6.0) * dt) * dt
                 floe.y += (floe.v + (0.5 * (ay + oy) + jerk_y / 6.0) * dt) * dt
-                floe.u += (ax + ox + 0.5 * jerk_x) * dt
-                floe.v += (ay + oy + 0.5 * jerk_y) * dt
-                previous[0], previous[1] = ax, ay
+                floe.u += (ax + ox + ahead * jerk_x) * dt
+                floe.v += (ay + oy + ahead * jerk_y) * dt
+                previous[0], previous[1] = contact.x, contact.y
                 fastest = max(fastest, floe.u**2 + floe.v**2)
             taylor_spin(p.spinning, third_order, p, first, n, dt, buffer)
-        for q in range(p.held.size):
-            k = p.held[q]
-            if p.inverse_x[k] == 0.0:
-                constraint[0] -= dt * p.force[k].x
-                constraint[2] -= dt * p.force[k].x * p.floes[k].u
-            if p.inverse_y[k] == 0.0:
-                constraint[1] -= dt * p.force[k].y
-                constraint[2] -= dt * p.force[k].y * p.floes[k].v
-        kick_walls(walls.walls, dt)
+        kick_walls(walls.walls, dt, ahead)
         way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
         travelled, since = travelled + way, since + way
         done += 1
     settle(near, start, parts)
     return done, travelled
+
+
+@jit
+def hold_taylor(p, ahead, dt, constraint):
+    """What holds an axis takes up the contact forces along it, and their change as free floes do."""
+    for q in range(p.held.size):
+        k = p.held[q]
+        floe, contact, previous = p.floes[k], p.force[k], p.previous[k]
+        if p.inverse_x[k] == 0.0:
+            impulse = dt * (contact.x + ahead * (contact.x - previous[0]))
+            constraint[0] -= impulse
+            constraint[2] -= impulse * floe.u
+        if p.inverse_y[k] == 0.0:
+            impulse = dt * (contact.y + ahead * (contact.y - previous[1]))
+            constraint[1] -= impulse
+            constraint[2] -= impulse * floe.v
+        hold_taylor_spin(p.spinning, p, k, ahead, dt, constraint)
+
+
+@dispatched
+def hold_taylor_spin(spinning, p, k, ahead, dt, constraint):
+    if p.inverse_spin[k] == 0.0:
+        torque = p.force[k].torque
+        torque += ahead * (torque - p.previous[k, 2])
+        constraint[2] -= dt * torque * spinning[k].omega
+
+
+@hold_taylor_spin.register
+def _(spinning: None, p, k, ahead, dt, constraint):
+    pass
 
 
 @jit
@@ -665,12 +694,13 @@ def taylor_spin(spinning, third_order, p, first, n, dt, buffer):
     for k in range(n):
         floe = first + k
         other = buffer[ALPHA + k] if p.inverse_spin[floe] > 0.0 else 0.0
-        alpha = p.inverse_spin[floe] * p.force[floe].torque
-        jerk = (alpha - p.previous[floe, 2]) if third_order else 0.0
+        inverse, torque = p.inverse_spin[floe], p.force[floe].torque
+        alpha = inverse * torque
+        jerk = inverse * (torque - p.previous[floe, 2]) if third_order else 0.0
         omega = spinning[floe].omega
         p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
         spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
-        p.previous[floe, 2] = alpha
+        p.previous[floe, 2] = torque
 
 
 @taylor_spin.register

@@ -744,8 +744,11 @@ class Model:
                     f"restart: {what} has {np.size(state[f'{what}_u'])} cells, the scene's grid "
                     f"{fluid.grid.size}; must be the same grid"
                 )
-        if np.shape(state["walls"])[0] != len(self._state.walls):
-            raise InputError("restart: number of walls differs from the scene's")
+        walls = self._state.walls
+        if np.size(state["walls"]) != len(walls) * len(walls.dtype):
+            raise InputError(
+                "restart: number of walls differs from the scene's, or an older floebmi wrote it"
+            )
 
         def of_floes(name: str) -> np.ndarray:
             return np.asarray(state[f"floes_{name}"])

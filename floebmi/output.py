@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 EPOCH = "2000-01-01 00:00:00"  # for runs without a date; `time:epoch` then says "arbitrary"
 CHUNK = 4096  # numbers in a chunk of a small field; larger ones: a compressed chunk per frame
+ACCOUNT_LENGTH = 32  # characters of a name in the ledger
 FILE_VERSION = 1
 RESTART_VERSION = 1
 
@@ -817,8 +818,17 @@ def _define_ledger(data: "Dataset") -> None:
         f"{name} [{unit}]" for name, unit in zip(QUANTITIES, UNITS, strict=True)
     )
     quantity[:] = np.array(QUANTITIES, object)
-    account = data.createVariable("ledger_account", str, ("ledger_account",))
+    # characters, not strings: HDF5 keeps strings of a variable length apart from the rows that point to
+    # them, and a run that is killed while both go to the disk would leave rows that point to nothing
+    data.createDimension("ledger_name", ACCOUNT_LENGTH)
+    account = data.createVariable(
+        "ledger_account",
+        "S1",
+        ("ledger_account", "ledger_name"),
+        chunksizes=(16, ACCOUNT_LENGTH),
+    )
     account.long_name = "accounts of the ledger"
+    account.setncattr("_Encoding", "utf-8")
     gained = data.createVariable(
         "ledger_gained",
         "f8",
@@ -840,7 +850,7 @@ def _write_ledger(data: "Dataset", k: int, model: "Model") -> None:
     accounts = model.ledger.accounts
     data["ledger_stock"][k] = model.ledger.now
     if accounts:
-        data["ledger_account"][: len(accounts)] = np.array(list(accounts), object)
+        data["ledger_account"][: len(accounts)] = np.array(list(accounts), f"U{ACCOUNT_LENGTH}")
         data["ledger_gained"][k, : len(accounts)] = np.array(list(accounts.values()))
 
 

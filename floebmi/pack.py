@@ -65,7 +65,7 @@ class Packed(NamedTuple):
     land: np.ndarray  # bool: a piece of coast
     first_x: np.ndarray  # where the floe was when the list was made
     first_y: np.ndarray
-    previous: np.ndarray | None  # contact accelerations of the last step, for the paper's schemes
+    previous: np.ndarray | None  # contact forces, torques of the last step, for the paper's schemes
     origin_x: float  # of the records' coordinates
     origin_y: float
     friction: np.ndarray | None  # μ and σ_c of each floe, where they differ
@@ -81,7 +81,7 @@ def pack(
 ) -> Packed:
     """Copy the active floes into records, sorted in space.
 
-    previous : accelerations (n, 3) kept between advances by the paper's schemes, or None
+    previous : forces [N] and torques [N m] (n, 3) of the last step that the paper's schemes keep, or None
     origin : x, y from which the records count [m]
     remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
     """

@@ -237,3 +237,10 @@ def test_far_from_the_origin_walls_contacts_and_restarts_are_where_they_belong()
     assert np.array_equal(half.floes.x, model.floes.x)
     assert np.array_equal(half.floes.u, model.floes.u)
     assert (model.floes.x > 3e6).all() and (model.floes.x < 3e6 + 100.0).all()
+
+
+def test_the_state_of_another_number_of_walls_or_of_an_older_record_is_refused():
+    model = packed_box(1e4)
+    for walls in (model.state()["walls"][1:], model.state()["walls"][:, :-1]):
+        with pytest.raises(InputError, match="number of walls differs .* older floebmi"):
+            model.restore(model.state() | {"walls": walls})

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
+from netCDF4 import Dataset
 
 from floebmi import (
     Domain,
@@ -23,7 +24,7 @@ from floebmi import (
     run,
 )
 from floebmi.forcing import VelocityFile
-from floebmi.output import TrajectoryWriter, load_restart, save_restart
+from floebmi.output import GriddedWriter, TrajectoryWriter, load_restart, save_restart
 
 BOX = Domain((0.0, 1000.0), (0.0, 1000.0))
 
@@ -95,6 +96,19 @@ def test_a_run_killed_at_any_moment_leaves_readable_files(tmp_path, seconds):
     times, x = frames(tmp_path / "floes.nc")
     assert np.isfinite(x).all()
     assert restored(tmp_path / "restart.nc").time <= times[-1]
+
+
+@pytest.mark.parametrize("writer", [GriddedWriter, TrajectoryWriter])
+def test_what_grows_in_a_file_is_of_fixed_width_so_that_no_row_points_to_text_not_yet_there(
+    tmp_path, writer
+):
+    with writer(tmp_path / "a.nc", drifting()) as file:
+        file.write(drifting())
+    with Dataset(tmp_path / "a.nc") as data:
+        growing = {name for name, size in data.dimensions.items() if size.isunlimited()}
+        kinds = {name: v.dtype for name, v in data.variables.items() if growing & set(v.dimensions)}
+    assert "ledger_account" in kinds
+    assert str not in kinds.values()
 
 
 # ---- a full disk ------------------------------------------------------------------------------

@@ -37,3 +37,23 @@ def test_a_random_scene_runs_within_its_ledgers_or_is_refused_in_one_line():
 def test_random_scenes_of_all_laws_run_within_their_ledgers_or_are_refused(number):
     ends = ends_of(MANY, 1000, number)
     assert ends["ran"] > 300
+
+
+KEPT = {
+    # taylor3: a wall took the force of the ice, but not, as the floes did, its change since the step before
+    "momentum that a wall did not take": {
+        "edges": ("closed", "inactive"), "wall": "moving", "contact": True, "friction": True, "bonds": True,
+        "dashpot": False, "ocean": False, "wind": False, "others": False, "rotation": False, "scheme": "taylor3",
+        "seed": 23, "n": 0, "side": 43.275431342627016, "shape": 1.4849200618749454, "origin": 0.0,
+        "largest": 0.046492920322381434, "size_ratio": 908.2769707496045, "thickness": (0.0019, 5.2), "speed": 0.0,
+        "relaxed": False, "held": 0.3, "inflow": True, "youngs_modulus": 1e4, "coefficient": 10.0,
+        "strength": 1e7, "restitution": 0.5, "current": 4.0, "wind_speed": 10.0, "cells": (2, 4), "dry": 0.0,
+        "sampling": "centre", "epsilon": None, "fraction": 0.05, "exchanges": 5, "steps": 1.9839831449991818,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", KEPT)
+def test_what_was_found_once_runs_within_its_ledgers(name):
+    assert outcome(KEPT[name]) == ("ran", "")
