@@ -433,7 +433,7 @@ class Advance:
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)
         else:
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
-            if min(self.threads, len(self.tiles.chunks) - 1) == 1:
+            if len(self.tiles.chunks) == 2:
                 done = verlet(*floes, *rest)
             else:
                 done = verlet_in_threads(self.threads, *floes, *rest)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from floebmi.kernels import BLOCK, dispatched, jit
+from floebmi.kernels import BLOCK, OPTIONS, dispatched, jit
 from floebmi.quantities import NonNegative, Positive
 
 
@@ -173,7 +173,7 @@ def row(at, name, k):
     return at[name, k]
 
 
-@overload(row)
+@overload(row, jit_options=OPTIONS)
 def _row(at, name, k):
     if at.ndim == 2:
         return lambda at, name, k: at[name, k]
@@ -356,7 +356,7 @@ def book_spin(forces, at, block, n, buffer):
     raise NotImplementedError
 
 
-@overload(total)
+@overload(total, jit_options=OPTIONS)
 def _total(forces, at, block, n, buffer):
     if len(forces) == 0:
         return lambda forces, at, block, n, buffer: None
@@ -376,7 +376,7 @@ def _total(forces, at, block, n, buffer):
     return each
 
 
-@overload(total_spin)
+@overload(total_spin, jit_options=OPTIONS)
 def _total_spin(forces, at, block, n, buffer):
     if len(forces) == 0:
         return lambda forces, at, block, n, buffer: None
@@ -392,7 +392,7 @@ def _total_spin(forces, at, block, n, buffer):
     return each
 
 
-@overload(book)
+@overload(book, jit_options=OPTIONS)
 def _book(forces, at, block, n, buffer):
     if len(forces) == 0:
         return lambda forces, at, block, n, buffer: None
@@ -412,7 +412,7 @@ def _book(forces, at, block, n, buffer):
     return each
 
 
-@overload(book_spin)
+@overload(book_spin, jit_options=OPTIONS)
 def _book_spin(forces, at, block, n, buffer):
     if len(forces) == 0:
         return lambda forces, at, block, n, buffer: None

@@ -19,6 +19,9 @@ import platformdirs
 from numba.extending import overload
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
+# Inlined into what Python calls: a function with a body of its own is there once in each kernel that calls it, each
+# optimised in its own way, and which of them a process takes depends on what it has compiled before.
+OPTIONS = {"fastmath": FASTMATH, "error_model": "numpy", "forceinline": True}
 BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 
 
@@ -40,7 +43,7 @@ def jit(function: Callable) -> Callable:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = CACHE_FOLDER
     try:
-        return numba.njit(cache=True, fastmath=FASTMATH, error_model="numpy", nogil=True)(function)
+        return numba.njit(cache=True, nogil=True, **OPTIONS)(function)
     finally:
         numba.config.CACHE_DIR = before
 
@@ -57,7 +60,7 @@ def dispatched(default: Callable) -> Callable:
     """A function whose code is picked by the type of its first argument, in Python and in kernels."""
     generic = functools.singledispatch(default)
 
-    @overload(generic, strict=False, jit_options={"fastmath": FASTMATH, "error_model": "numpy"})
+    @overload(generic, strict=False, jit_options=OPTIONS)
     def pick(*args):
         return generic.dispatch(_python_type(args[0]))
 
