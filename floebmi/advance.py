@@ -252,8 +252,7 @@ class Advance:
         sweep(laws, *floes, 0, seams, False, True, 0.0, 0.0, 0.0, nothing, False, books,
               self.pair_buffer, self.floe_buffer)  # fmt: skip
         touch_edges(laws, p, lists, self.walls, 0.0, inverse, books, self.pair_buffer)
-        settle_tiles(lists)
-        self._close(books)
+        settle_tiles(lists)  # no time has passed: there is nothing to book
 
     def _books(self) -> Books:
         parts = len(self.tiles.parts) - 1
@@ -389,7 +388,8 @@ class Advance:
 
     def _reach(self) -> float:
         """How far floes may stray from their marks [m] before something has to be looked at anew."""
-        return min(self.room, 0.5 * self.closing) if self.contact is not None else self.room
+        bounded = self.contact is not None and self.closing > 0.0
+        return min(self.room, 0.5 * self.closing) if bounded else self.room
 
     def _half_skin(self) -> float:
         if self.packed.land.all():

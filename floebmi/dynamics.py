@@ -588,16 +588,16 @@ def taylor(
 
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
     """
-    p, first, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
+    p, start, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
     constraint = books.held[seams]
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force)
         if is_stale(since, way, lists.skin):
-            narrow_tiles(laws, p, lists, first, seams + 1, way)
+            narrow_tiles(laws, p, lists, start, seams + 1, way)
             since = 0.0
-        for tile in range(first, seams):
+        for tile in range(start, seams):
             touch_floes(
                 laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
                 p.tensile_strength, lists.near, tile, lists.tiles.parts[tile], dt, p.force, None,
