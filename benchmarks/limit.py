@@ -22,8 +22,9 @@ import numpy as np
 import floebmi as fb
 from floebmi.advance import Advance
 from floebmi.columns import PAIR_BUFFER
-from floebmi.dynamics import narrow_tiles, sweep
+from floebmi.dynamics import sweep
 from floebmi.forces import FORCE_BUFFER
+from floebmi.pairs import narrow
 
 LAWS = {
     "frictional": (fb.frictional(), ()),
@@ -111,9 +112,9 @@ def instructions(law: str) -> float:
 def bytes_of_a_step(model: fb.Model) -> float:
     """Bytes a floe that a step of the frictional pack moves at least: each array once each way."""
     now = model._now()
-    p, n, tiles = now.packed, len(model.floes), len(now.tiles.bounds) - 1
-    narrow_tiles(now._laws(), p, now.lists, 0, tiles, 0.0)
-    near, close = now.lists.near.pairs, int(now.lists.near.counts.sum())
+    p, n, near = now.packed, len(model.floes), now.lists.pairs
+    contact_forces(now, model.step.length)
+    close = int(now.lists.near.counts.sum())
     both = [p.floes, p.force, p.angle, near.slip[:close]]  # read and written
     only = [p.inverse_x, p.inverse_y, p.inverse_spin, near.i[:close], near.j[:close]]  # read
     return (2 * sum(a.nbytes for a in both) + sum(a.nbytes for a in only)) / n
@@ -122,7 +123,7 @@ def bytes_of_a_step(model: fb.Model) -> float:
 def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     """What finds the forces of the pairs about to touch, as a step does."""
     laws, tiles = now._laws(), len(now.tiles.bounds) - 1
-    narrow_tiles(laws, now.packed, now.lists, 0, tiles, 0.0)
+    narrow(*now.period, now.packed.floes, now.lists.near, 0, tiles, now.lists.gap, 0.0)
     none, books = np.zeros(1, np.int64), now._books()
     buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     what = (

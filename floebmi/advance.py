@@ -20,11 +20,8 @@ from floebmi.dynamics import (
     Lists,
     Step,
     Walls,
-    narrow_tiles,
-    settle_tiles,
     sweep,
     taylor,
-    touch_edges,
     verlet,
 )
 from floebmi.errors import StabilityError
@@ -55,7 +52,7 @@ from floebmi.pack import (
     unpack,
     widest_gap,
 )
-from floebmi.pairs import PairList, near_of
+from floebmi.pairs import PairList, narrow, near_of, settle
 from floebmi.quantities import all_finite
 from floebmi.threads import verlet as verlet_in_threads
 from floebmi.tiles import Tiles
@@ -171,9 +168,8 @@ class Advance:
         self.pairs, self.tiles = list_pairs(
             self.packed, self.contact, self.period, self.skin, old, old_tiles, old_place
         )
-        parts = len(self.tiles.parts) - 1
         self.lists = Lists(
-            self.pairs, near_of(self.pairs, parts), self.tiles,
+            *near_of(self.pairs, self.tiles.parts), self.tiles,
             widest_gap(self.packed, self.contact), NEAR * self.closing,
         )  # fmt: skip
         self._list_walls()
@@ -241,18 +237,15 @@ class Advance:
         return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        """The forces at the present place, as a step leaves them; by the kernels that steps are made of."""
-        p, laws, lists, books = self.packed, self._laws(), self.lists, self._books()
-        inverse, seams = (p.inverse_x, p.inverse_y, p.inverse_spin), len(self.tiles.bounds) - 1
-        nothing, floes = (
-            np.zeros(1, np.int64),
-            (self.forces, tuple(np.empty((0, 0)) for _ in self.forces), p, lists),
-        )
-        narrow_tiles(laws, p, lists, 0, seams + 1, 0.0)
-        sweep(laws, *floes, 0, seams, False, True, 0.0, 0.0, 0.0, nothing, False, books,
-              self.pair_buffer, self.floe_buffer)  # fmt: skip
-        touch_edges(laws, p, lists, self.walls, 0.0, inverse, books, self.pair_buffer)
-        settle_tiles(lists)  # no time has passed: there is nothing to book
+        """The forces at the present place, as a step leaves them, by the kernel that does it in a step."""
+        parts, nothing = len(self.tiles.parts) - 1, np.zeros(1, np.int64)
+        at = tuple(np.empty((0, 0)) for _ in self.forces)
+        narrow(*self.period, self.packed.floes, self.lists.near, 0, parts, self.lists.gap, 0.0)
+        sweep(
+            self._laws(), self.forces, at, self.packed, self.lists, self.walls, 0, parts, False, True,
+            0.0, 0.0, 0.0, nothing, False, self._books(), self.pair_buffer, self.floe_buffer,
+        )  # fmt: skip
+        settle(self.lists.near, 0, parts)  # no time has passed: there is nothing to book
 
     def _books(self) -> Books:
         parts = len(self.tiles.parts) - 1

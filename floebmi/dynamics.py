@@ -93,10 +93,10 @@ class Laws(NamedTuple):
 
 
 class Lists(NamedTuple):
-    """Pairs, tile by tile."""
+    """Pairs about to touch, tile by tile."""
 
-    pairs: PairList
     near: Near
+    pairs: PairList  # of the short list, with what they remember
     tiles: Tiles
     gap: float  # the short list holds pairs nearer than this [1] and the skin [m], see `pairs.narrow`
     skin: float
@@ -381,38 +381,6 @@ def hold_spin_back(inverse_spin, first, n, constraint, buffer):
             constraint[2] -= buffer[TWIST + k] * buffer[ALPHA + k] * buffer[OMEGA + k]
 
 
-@jit
-def touch_edges(laws, packed, lists, walls, dt, inverse, books, buffer):
-    """Add the forces of near pairs across the seams, and of the walls; `dt`, `inverse` as in `touch_floes`."""
-    p, seams = packed, lists.tiles.parts.size - 2
-    touch_floes(
-        laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-        p.tensile_strength, lists.near, seams, lists.tiles.parts[seams], dt, p.force, inverse,
-        books.held[seams], books.lost[seams], buffer,
-    )  # fmt: skip
-    touch_walls(
-        laws.wall, p.floes, walls, dt, p.force, inverse, books.held[seams], books.lost[seams]
-    )
-
-
-@jit
-def narrow_tiles(laws, packed, lists, first, last, way):
-    """List anew the near pairs of some tiles; way : of the fastest floe in a step [m]."""
-    parts = lists.tiles.parts
-    for tile in range(first, last):
-        narrow(
-            laws.period_x, laws.period_y, packed.floes, lists.pairs, lists.near, tile,
-            parts[tile], parts[tile + 1], lists.gap, lists.skin + 2.0 * way,
-        )  # fmt: skip
-
-
-@jit
-def settle_tiles(lists):
-    """What near pairs remember goes back into the list."""
-    for tile in range(lists.tiles.parts.size - 1):
-        settle(lists.pairs, lists.near, tile, lists.tiles.parts[tile])
-
-
 @dispatched
 def touch_walls(
     wall_law, floes, edges, dt, force, inverse, constraint, lost,
@@ -506,13 +474,16 @@ def end_steps(packed, walls, dt, constraint):
 
 
 @jit
-def sweep(laws, forces, at, packed, lists, first, last, moves, touches, kicked, dt, pushed, substeps,
+def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicked, dt, pushed, substeps,
           due, books, pair_buffer, floe_buffer):  # fmt: skip
-    """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed²."""
-    p, bounds, fastest = packed, lists.tiles.bounds, 0.0
+    """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
+
+    After the last tile come the seams, and with them the walls.
+    """
+    p, bounds, seams, fastest = packed, lists.tiles.bounds, lists.tiles.bounds.size - 1, 0.0
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     for tile in range(first, last):
-        if moves:
+        if moves and tile < seams:
             speed2 = move(
                 forces, at, p, bounds[tile], bounds[tile + 1], kicked, dt, pushed, substeps, due,
                 books.held[tile], floe_buffer,
@@ -521,9 +492,11 @@ def sweep(laws, forces, at, packed, lists, first, last, moves, touches, kicked, 
         if touches:
             touch_floes(
                 laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-                p.tensile_strength, lists.near, tile, lists.tiles.parts[tile], dt, p.force, inverse,
+                p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse,
                 books.held[tile], books.lost[tile], pair_buffer,
             )  # fmt: skip
+    if touches and last > seams:
+        touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[seams], books.lost[seams])  # fmt: skip
     return fastest
 
 
@@ -539,8 +512,8 @@ def verlet(
 
     lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
     """
-    p, first, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
-    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    p, near, last = packed, lists.near, lists.near.counts.size
+    first = last - last
     pair_buffer, floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
     while done < steps and travelled < half_skin:
@@ -551,21 +524,21 @@ def verlet(
         fastest = move_walls(walls.walls, kicked, dt)
         for turn in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
             if turn == 1:
-                narrow_tiles(laws, p, lists, first, seams + 1, way)
+                narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
+                       lists.skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
-                laws, forces, at, p, lists, first, seams, turn == 0, turn == 1 or not anew, kicked, dt,
-                lag[0], substeps, due, books, pair_buffer, floe_buffer,
+                laws, forces, at, p, lists, walls, first, last, turn == 0, turn == 1 or not anew,
+                kicked, dt, lag[0], substeps, due, books, pair_buffer, floe_buffer,
             )  # fmt: skip
             fastest = max(fastest, speed2)
             way = dt * np.sqrt(fastest)
-        touch_edges(laws, p, lists, walls, dt, inverse, books, pair_buffer)
         if due:
             lag[:] = 0.0
         travelled, since = travelled + way, 0.0 if anew else since + way
         done, kicked = done + 1, dt
-    settle_tiles(lists)
+    settle(near, first, last)
     if done > 0:
-        end_steps(p, walls.walls, dt, books.held[seams])
+        end_steps(p, walls.walls, dt, books.held[last - 1])
     return done, travelled
 
 
@@ -588,22 +561,23 @@ def taylor(
 
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.
     """
-    p, start, seams = packed, lists.tiles.chunks[0], lists.tiles.chunks[-1]
-    constraint = books.held[seams]
+    p, near, parts = packed, lists.near, lists.near.counts.size
+    start, constraint = parts - parts, books.held[parts - 1]
     pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force)
         if is_stale(since, way, lists.skin):
-            narrow_tiles(laws, p, lists, start, seams + 1, way)
+            narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,
+                   lists.skin + 2.0 * way)  # fmt: skip
             since = 0.0
-        for tile in range(start, seams):
+        for part in range(parts):
             touch_floes(
                 laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-                p.tensile_strength, lists.near, tile, lists.tiles.parts[tile], dt, p.force, None,
-                books.held[tile], books.lost[tile], pair_buffer,
+                p.tensile_strength, lists.pairs, near, part, dt, p.force, None, books.held[part],
+                books.lost[part], pair_buffer,
             )  # fmt: skip
-        touch_edges(laws, p, lists, walls, dt, None, books, pair_buffer)
+        touch_walls(laws.wall, p.floes, walls, dt, p.force, None, constraint, books.lost[parts - 1])
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):
             n = min(BLOCK, p.floes.size - first)
@@ -646,7 +620,7 @@ def taylor(
         way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
         travelled, since = travelled + way, since + way
         done += 1
-    settle_tiles(lists)
+    settle(near, start, parts)
     return done, travelled
 
 

@@ -25,7 +25,7 @@ from floebmi.dynamics import Step, Walls
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import dispatched, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
-from floebmi.pairs import PairList, least_of, recall, wrap
+from floebmi.pairs import PairList, least_of, recall, remembering, wrap
 from floebmi.tiles import Tiles, by_tile
 
 
@@ -231,7 +231,8 @@ def _nothing(contact: Contact | None, n: int) -> dict[str, np.ndarray]:
     names = memories(contact)
     if contact is not None and contact.dashpot is not None:
         names += ("damped",)
-    return {name: np.zeros(n) for name in names}
+    memory, block = remembering(names, n)
+    return {**memory, "block": block}
 
 
 def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:

@@ -37,6 +37,8 @@ from floebmi.columns import (
 from floebmi.contact import coefficient, lever_arm, pair_force, strength
 from floebmi.kernels import BLOCK, dispatched, jit
 
+MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
+
 
 class PairList(NamedTuple):
     """Candidate pairs and what they remember; see `contact.memories`."""
@@ -50,31 +52,52 @@ class PairList(NamedTuple):
     failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes part
     slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
     damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
+    block: np.ndarray | None = None  # all of these, row by row
+
+    def memories(self) -> tuple[str, ...]:
+        """The names of the rows of the block."""
+        return tuple(name for name in MEMORIES if getattr(self, name) is not None)
 
     def memory(self) -> dict[str, np.ndarray]:
         """What lasts beyond the list, by name."""
-        named = {name: getattr(self, name) for name in ("slip", "bonded", "bent", "failed", "slid")}
+        named = {name: getattr(self, name) for name in MEMORIES[:-1]}
         return {name: values for name, values in named.items() if values is not None}
 
 
 class Near(NamedTuple):
     """The short list: pairs of a `PairList` that are close, by part of it, with room for all of them.
 
-    slot : their places in the list; pairs : their floes and what they remember; counts : how many, of each part
+    list_i, list_j, list_block : the list; slot : places in it; i, j, block : the short list itself
+    parts : where the parts of the list begin and end; counts : how many of each part are near
     """
 
+    list_i: np.ndarray
+    list_j: np.ndarray
+    list_block: np.ndarray
     slot: np.ndarray
-    pairs: PairList
+    i: np.ndarray
+    j: np.ndarray
+    block: np.ndarray
+    parts: np.ndarray
     counts: np.ndarray
 
 
-def near_of(pairs: PairList, parts: int) -> Near:
-    """Room for the short list of a list in so many parts, each with space to fill its last four."""
-    room = len(pairs.i) + parts * LANES
-    i, j, *memory = (
-        None if values is None else np.empty(room, values.dtype) for values in pairs[1:]
+def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
+    """Room for the short list of a list, each part with space to fill its last four; and its pairs as such."""
+    count = len(parts) - 1
+    room = len(pairs.i) + count * LANES
+    slot, i, j = np.empty((3, room), np.uint32)
+    memory, block = remembering(pairs.memories(), room)
+    return (
+        Near(pairs.i, pairs.j, pairs.block, slot, i, j, block, parts, np.zeros(count, np.int64)),
+        PairList(None, i, j, **memory, block=block),
     )
-    return Near(np.empty(room, np.uint32), PairList(None, i, j, *memory), np.zeros(parts, np.int64))
+
+
+def remembering(names: tuple[str, ...], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """What n pairs remember, nothing yet: by name, and as one block with a row for each name."""
+    block = np.zeros((len(names), n))
+    return dict(zip(names, block, strict=True)), block
 
 
 @dispatched
@@ -116,66 +139,40 @@ def _(memory: None, p, value):
 
 
 @jit
-def narrow(period_x, period_y, floes, pairs, near, part, begin, end, gap, margin):
-    """List anew the pairs of a part, begin to end of the list, that are nearer than a gap and a margin.
+def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
+    """List anew the pairs of some parts that are nearer than a gap and a margin.
 
     gap : of a bond about to break, over the sum of radii [1]; margin [m]
     """
-    settle(pairs, near, part, begin)
-    first, n = begin + LANES * part, 0
-    for p in range(begin, end):
-        i, j = pairs.i[np.uintp(p)], pairs.j[np.uintp(p)]
-        one, other = floes[i], floes[j]
-        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
-        reach = (one.r + other.r) * (1.0 + gap) + margin
-        q = np.uintp(first + n)  # unsigned: no wrap-around of negative indices
-        near.slot[q], near.pairs.i[q], near.pairs.j[q] = p, i, j
-        n += not dx * dx + dy * dy >= reach * reach  # what is not a number stays in
-    last = near.pairs.i[first + max(n - 1, 0)]
-    for q in range(first + n, first + n + LANES):  # four at a time, also at the end
-        near.pairs.i[q] = near.pairs.j[q] = last
-    near.counts[part] = n
-    take(pairs.slip, near.pairs.slip, near.slot, first, n)
-    take(pairs.bonded, near.pairs.bonded, near.slot, first, n)
-    take(pairs.bent, near.pairs.bent, near.slot, first, n)
-    take(pairs.failed, near.pairs.failed, near.slot, first, n)
-    take(pairs.slid, near.pairs.slid, near.slot, first, n)
-    take(pairs.damped, near.pairs.damped, near.slot, first, n)
+    settle(near, first_part, last_part)
+    for part in range(first_part, last_part):
+        first, n = near.parts[part] + LANES * part, 0
+        for p in range(near.parts[part], near.parts[part + 1]):
+            i, j = near.list_i[np.uintp(p)], near.list_j[np.uintp(p)]
+            one, other = floes[i], floes[j]
+            dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+            reach = (one.r + other.r) * (1.0 + gap) + margin
+            q = np.uintp(first + n)  # unsigned: no wrap-around of negative indices
+            near.slot[q], near.i[q], near.j[q] = p, i, j
+            n += not dx * dx + dy * dy >= reach * reach  # what is not a number stays in
+        last = near.i[first + max(n - 1, 0)]
+        for q in range(first + n, first + n + LANES):  # four at a time, also at the end
+            near.i[q] = near.j[q] = last
+        near.counts[part] = n
+        for row in range(near.block.shape[0]):
+            for q in range(first, first + n):
+                near.block[row, q] = near.list_block[row, near.slot[q]]
 
 
 @jit
-def settle(pairs, near, part, begin):
-    """Back into the list what pairs of the short list remember."""
-    first, n = begin + LANES * part, near.counts[part]
-    near.counts[part] = 0
-    give(pairs.slip, near.pairs.slip, near.slot, first, n)
-    give(pairs.bonded, near.pairs.bonded, near.slot, first, n)
-    give(pairs.bent, near.pairs.bent, near.slot, first, n)
-    give(pairs.failed, near.pairs.failed, near.slot, first, n)
-    give(pairs.slid, near.pairs.slid, near.slot, first, n)
-    give(pairs.damped, near.pairs.damped, near.slot, first, n)
-
-
-@dispatched
-def take(memory, near_memory, slot, first, n):
-    for q in range(first, first + n):
-        near_memory[q] = memory[slot[q]]
-
-
-@take.register
-def _(memory: None, near_memory, slot, first, n):
-    pass
-
-
-@dispatched
-def give(memory, near_memory, slot, first, n):
-    for q in range(first, first + n):
-        memory[slot[q]] = near_memory[q]
-
-
-@give.register
-def _(memory: None, near_memory, slot, first, n):
-    pass
+def settle(near, first_part, last_part):
+    """Back into the list what pairs of the short list remember; it is empty then."""
+    for part in range(first_part, last_part):
+        first = near.parts[part] + LANES * part
+        for row in range(near.block.shape[0]):
+            for q in range(first, first + near.counts[part]):
+                near.list_block[row, near.slot[q]] = near.block[row, q]
+        near.counts[part] = 0
 
 
 # ---- forces -------------------------------------------------------------------------------------------
@@ -183,14 +180,16 @@ def _(memory: None, near_memory, slot, first, n):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force, inverse,
+    law, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse,
     constraint, lost, buffer,
 ):  # fmt: skip
-    """Add the forces of a part of the short list, which begins there in the list, a block at a time.
+    """Add the forces of a part of the short list, a block at a time.
 
+    dt : time over which contacts have slipped
+    inverse : inverse masses and inertia; floes whose contact opened or closed are struck, unless it is None
     lost : energy lost in friction, dashpots, bonds, failure [J], and bonds broken
     """
-    pairs, begin = near.pairs, begin + LANES * part
+    begin = near.parts[part] + LANES * part
     end = begin + near.counts[part]
     pair_i, pair_j = pairs.i, pairs.j
     slip, bonded, damped = pairs.slip, pairs.bonded, pairs.damped
@@ -259,7 +258,7 @@ def touch_floes(
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, floes, spinning, mu, sigma, near, part, begin, dt, force, inverse,
+    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse,
     constraint, lost, buffer,
 ):  # fmt: skip
     pass

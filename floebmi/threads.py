@@ -15,13 +15,11 @@ from floebmi.dynamics import (
     end_steps,
     is_stale,
     move_walls,
-    narrow_tiles,
-    settle_tiles,
     sweep,
-    touch_edges,
 )
 from floebmi.forces import FORCE_BUFFER
 from floebmi.pack import Packed
+from floebmi.pairs import narrow, settle
 
 
 def verlet(
@@ -31,8 +29,8 @@ def verlet(
     """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
     p, chunks = packed, lists.tiles.chunks
     threads = min(threads, len(chunks) - 1)
-    inverse = p.inverse_x, p.inverse_y, p.inverse_spin
-    seams, buffers = chunks[-1], [(np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)) for _ in range(threads)]  # fmt: skip
+    seams, period = chunks[-1], (laws.period_x, laws.period_y)
+    buffers = [(np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)) for _ in range(threads)]
     bounds = [chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)]
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
@@ -45,12 +43,12 @@ def verlet(
 
         def steps_of(moves: bool, touches: bool) -> Callable[[int, int, int], float]:
             return lambda thread, first, last: sweep(
-                laws, forces, at, p, lists, first, last, moves, touches, kicked, dt, lag[0], substeps, due, books,
+                laws, forces, at, p, lists, walls, first, last, moves, touches, kicked, dt, lag[0], substeps, due, books,
                 *buffers[thread],
             )  # fmt: skip
 
         def touch_anew(thread: int, first: int, last: int) -> float:
-            narrow_tiles(laws, p, lists, first, last, way)
+            narrow(*period, p.floes, lists.near, first, last, lists.gap, lists.skin + 2.0 * way)
             return steps_of(False, True)(thread, first, last)
 
         while done < steps and travelled < half_skin:
@@ -62,13 +60,14 @@ def verlet(
             way = dt * np.sqrt(fastest)
             if anew:
                 share(touch_anew)
-                narrow_tiles(laws, p, lists, seams, seams + 1, way)
-            touch_edges(laws, p, lists, walls, dt, inverse, books, buffers[0][0])
+                touch_anew(0, seams, seams + 1)
+            else:
+                steps_of(False, True)(0, seams, seams + 1)
             if due:
                 lag[:] = 0.0
             travelled, since = travelled + way, 0.0 if anew else since + way
             done, kicked = done + 1, dt
-    settle_tiles(lists)
+    settle(lists.near, 0, seams + 1)
     if done > 0:
         end_steps(p, walls.walls, dt, books.held[seams])
     return done, travelled
