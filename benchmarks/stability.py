@@ -132,7 +132,7 @@ def draw(rates: dict[tuple[str, str, str], np.ndarray], path: Path) -> None:
 
     figure = Figure(figsize=(11, 4.4), layout="constrained")
     axes = figure.subplots(1, len(SCHEMES), sharey=True)
-    colors = dict(zip(LAWS, ("C0", "C1", "C2", "C3"), strict=True))
+    colors = dict(zip(LAWS, ("#0072B2", "#E69F00", "#009E73", "#CC79A7"), strict=True))
     marks = dict(zip(PACKS, ("o", "s", "^"), strict=True))
     for axis, scheme in zip(axes, SCHEMES, strict=True):
         for (pack, law, of), values in rates.items():

@@ -66,6 +66,13 @@ def test_a_quick_script_of_the_gallery_gives_its_number(name):
     check(name, *QUICK[name])
 
 
+@pytest.mark.parametrize("name", FILES)
+def test_a_script_that_reads_a_file_says_which_if_it_gets_none(name, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [name])
+    with pytest.raises(SystemExit, match=f"^give it {FILES[name]}$"):
+        runpy.run_path(str(GALLERY / f"{name}.py"))
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:ice not placed", "ignore:.*set to the bound")
 @pytest.mark.parametrize("name", LONG)

@@ -2,9 +2,8 @@
 Barents Sea: the ice edge under two winds
 =========================================
 
-Ice and current of an ocean model in February, as floes. Two days of wind off the ice, against the current, just hold
-the edge; two days of wind towards the ice drive it back. ``python barents_miz.py arctic20_ocean_ice_20160201-05.nc``
-"""
+Ice and current of an ocean model in February, as floes. Two days of wind off the ice, against the current, just hold the
+edge; two days of wind towards the ice drive it back. Ice that leaves in the north is not replaced: the curve falls there."""
 
 import sys
 from tempfile import TemporaryDirectory
@@ -16,7 +15,8 @@ import floebmi as fb
 from floebmi.forces import DRAG_PRESETS
 from floebmi.plot import frame, style
 
-path, options = sys.argv[1], {"position": "mapping", "fill_land": "nearest"}
+path = sys.argv[1] if sys.argv[1:] else sys.exit("give it arctic20_ocean_ice_20160201-05.nc")
+options = {"position": "mapping", "fill_land": "nearest"}
 grid = fb.Grid.uniform(x := (-560e3, -240e3), y := (-1320e3, -880e3), spacing=20e3)
 share, thick = (fb.read_scalar(path, of, grid, **options) for of in ("area_fraction", "thickness"))
 forces = [*DRAG_PRESETS["constant-cd"], fb.Coriolis(1.43e-4)]
