@@ -125,6 +125,7 @@ def drift_error(step):
     return np.array([floes.u[0], floes.v[0], floes.x[0]])
 
 
+@pytest.mark.long
 def test_drag_wind_and_coriolis_together_are_of_second_order():
     fine = drift_error(1 / 64)
     errors = [np.abs(drift_error(step) - fine).max() for step in (1.0, 0.5, 0.25)]
@@ -242,6 +243,7 @@ def test_forgetting_what_contacts_remember_changes_the_run():
     assert not np.array_equal(first.floes.x, second.floes.x)
 
 
+@pytest.mark.long
 def test_the_order_of_the_forces_does_not_matter():
     forces = [OceanDrag(), AirDrag(), Coriolis(1e-2), BodyForce(0.0, 1e-3)]
     results = []

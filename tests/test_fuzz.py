@@ -27,6 +27,7 @@ def ends_of(laws, count, number):
     return ends
 
 
+@pytest.mark.long
 def test_a_random_scene_runs_within_its_ledgers_or_is_refused_in_one_line():
     ends = ends_of(FEW, 60, 6)
     assert ends["ran"] > 20 and ends["refused"] > 5

@@ -253,6 +253,7 @@ def row_of_floes(n=4):
     return Floes(np.arange(n) * 30.0 - 100.0, 0.0, R, 1.0)
 
 
+@pytest.mark.long
 def test_own_values_have_the_laws_mean_and_spread_and_come_from_the_seed():
     law = Contact(bonds=TensileStrength(STRENGTH, 0.5, Healing(1e5)), failure=FAILURE)
     line = Domain((0.0, 1e6), (-1e3, 1e3))
@@ -351,6 +352,7 @@ def turning_pair(spin):
     return np.abs(model.state()["pair_bent"]).max(), angular
 
 
+@pytest.mark.long
 def test_a_bonded_pair_that_turns_as_a_whole_is_not_bent_and_keeps_its_angular_momentum():
     bent, (before, after) = turning_pair(0.01)
     assert bent < 1e-9
