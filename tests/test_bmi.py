@@ -80,6 +80,7 @@ def same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> bool:
 # ---- the scene drives until the host does ------------------------------------------------------
 
 
+@pytest.mark.long
 def test_without_a_host_it_does_what_a_run_does(scene: Path) -> None:
     component = started(scene)
     for _ in range(3):
@@ -465,6 +466,7 @@ def test_the_bmi_table_of_the_how_to_is_valid() -> None:
     assert validate(BmiFile, tomllib.loads(blocks("toml")[1]), "couple.md").bmi.cells == "faces"
 
 
+@pytest.mark.long
 def test_the_metadata_make_a_scene_that_starts(tmp_path: Path) -> None:
     folder = Path(bmi.__file__).parent / FloeBmi.METADATA
     api, run, parameters = (

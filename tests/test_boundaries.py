@@ -72,6 +72,7 @@ def packed_box(stress, law=Contact(dashpot=Restitution(0.2))):
     return Model(domain, Floes(x, y, 1.0, 1.0), contact=law, walls=[wall])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stress", [1e4, 1e6])
 def test_a_loaded_wall_settles_at_its_stress_and_no_floe_passes_another(stress):
     model = packed_box(stress)

@@ -150,6 +150,7 @@ def test_restitution_against_a_fixed_floe_is_met_too():
     assert -floes.u[0] / 0.1 == pytest.approx(0.5, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("modulus", [2e7, 2e9])
 def test_a_dashpot_between_a_driven_floe_and_a_fixed_one_pushes_with_nothing_of_its_own(modulus):
     floes = Floes([0.0, 20.01], 0.0, 10.0, 1.0, u=[0.1, 0.0], motion=FIXED)

@@ -110,6 +110,7 @@ def test_a_tilted_sea_surface_pulls_downhill():
     assert model.floes.u[0] == pytest.approx(-9.81e-6 * 100, rel=1e-12)
 
 
+@pytest.mark.long
 def test_a_geostrophic_current_carries_a_floe_with_it():
     f, u = 1.4e-4, 0.2
     model = one(u=u, forces=[OceanDrag(), CoriolisField(), Tilt()])

@@ -229,6 +229,7 @@ def test_the_preset_gives_the_papers_scheme_and_lever_arms_unless_the_scene_says
     assert scene.step_law() == Step(scheme="taylor3", length=0.1)
 
 
+@pytest.mark.long
 def test_only_the_forces_that_are_listed_are_in_the_model(two):
     assert read_scene(two).build().model.forces == ()
     model = read_scene(
