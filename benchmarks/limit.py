@@ -123,25 +123,12 @@ def bytes_of_a_step(model: fb.Model) -> float:
 def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     """What finds the forces of the pairs about to touch, as a step does."""
     laws, tiles = now._laws(), len(now.tiles.bounds) - 1
-    narrow(*now.period, now.packed.floes, now.lists.near, 0, tiles, now.lists.gap, 0.0)
+    lists = now.lists
+    narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)
     none, books = np.zeros(1, np.int64), now._books()
     buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
-    what = (
-        laws,
-        now.packed,
-        now.lists,
-        0,
-        tiles,
-        False,
-        True,
-        dt,
-        dt,
-        dt,
-        none,
-        False,
-        books,
-        *buffers,
-    )
+    scene = laws, (), (), now.packed, lists, now.walls
+    what = *scene, 0, tiles, False, True, dt, dt, dt, none, False, books, *buffers
     return lambda: sweep(*what)
 
 
