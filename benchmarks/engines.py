@@ -384,7 +384,7 @@ def figure(rows: list[dict], file: Path) -> None:
     axes.minorticks_off()
     axes.set_ylim(0.5, None)
     axes.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes])
-    axes.set_ylabel("floebmi is faster by")
+    axes.set_ylabel("floebmi is faster by [times]")
     axes.set_title("Frictional discs, packing 0.85, one core")
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
