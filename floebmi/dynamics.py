@@ -517,7 +517,9 @@ def verlet(
     lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
-    first = last - last
+    first = (
+        last - last
+    )  # a zero, but no literal: for one the compiler would make kernels of their own
     pair_buffer, floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
     while done < steps and travelled < half_skin:

@@ -96,7 +96,7 @@ class Report(NamedTuple):
             ("steps", f"{c.steps}", ""),
             ("floe-steps", f"{c.floe_steps}", ""),
             ("renewals of the pair list", f"{c.rebuilds}", f"{_ratio(c.steps, c.rebuilds):.0f} steps each"),
-            ("pairs looked at", f"{c.pairs}", f"{_ratio(c.pairs, c.floe_steps):.2f} per floe-step"),
+            ("pairs listed", f"{c.pairs}", f"{_ratio(c.pairs, c.floe_steps):.2f} per floe-step"),
             ("bonds broken", f"{c.bonds_broken}", ""),
         ]  # fmt: skip
         return "\n".join(f"{name:<28}{value:>16}  {share}".rstrip() for name, value, share in rows)
