@@ -147,7 +147,7 @@ class Advance:
         self.constraint = np.zeros(3)
         self.losses = np.zeros(5)
         self.lag = np.zeros(2)
-        self.pair_buffer, self.floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
+        self.buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
 
     # ---- packing and the list ----------------------------------------------------------------------
 
@@ -243,7 +243,7 @@ class Advance:
         narrow(*self.period, self.packed.floes, self.lists.near, 0, parts, self.lists.gap, 0.0)
         sweep(
             self._laws(), self.forces, at, self.packed, self.lists, self.walls, 0, parts, False, True,
-            0.0, 0.0, 0.0, nothing, False, self._books(), self.pair_buffer, self.floe_buffer,
+            0.0, 0.0, 0.0, nothing, False, self._books(), self.buffers,
         )  # fmt: skip
         settle(self.lists.near, 0, parts)  # no time has passed: there is nothing to book
 
@@ -349,7 +349,7 @@ class Advance:
         """The step that the scene asks for [s]; inf where nothing limits it."""
         if self.step.length is not None:
             return self.step.length
-        if self.contact is not None and self.step.epsilon is not None and len(self.floes):
+        if self.contact is not None and self.step.epsilon is not None:
             return paper_step(self.floes, self.contact, self.density, self.step.epsilon)
         return stable_step(self.stiffest, self.step)
 
@@ -430,11 +430,11 @@ class Advance:
         floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
         reach = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)
+            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
         else:
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
-                done = verlet(*floes, *rest)
+                done = verlet(*floes, *rest, self.buffers)
             else:
                 done = verlet_in_threads(self.threads, *floes, *rest)
         self._close(books)

@@ -20,7 +20,7 @@ from floebmi.bonds import (
 )
 from floebmi.errors import InputError
 from floebmi.geometry import lens
-from floebmi.kernels import dispatched, jit
+from floebmi.kernels import dispatched, inner
 from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
 
 GRAVITY = 9.81  # [m/s²]
@@ -275,7 +275,7 @@ class PairForce(NamedTuple):
     failure_loss: float
 
 
-@jit
+@inner
 def stiffness(elastic, thickness_i, thickness_j):
     """k_n = E h_min [N/m] (eq. normal-elasticity)."""
     return elastic.youngs_modulus * min(thickness_i, thickness_j)
@@ -465,7 +465,7 @@ def _(
     return whole
 
 
-@jit
+@inner
 def pair_force(
     law, gap, opening, slip_rate, turn_rate, r_i, r_j, h_i, h_j, inverse_mass, mu, sigma,
     slip, bonded, damped_before, bent, failed, slid, dt,
@@ -523,7 +523,7 @@ def pair_force(
     )  # fmt: skip
 
 
-@jit
+@inner
 def stored(law, f, gap, r_i, r_j, h_i, h_j):
     """Elastic energy of a pair with the force f [J]; while nothing is lost, the force is minus its slope."""
     k_n = stiffness(law.elastic, h_i, h_j)
@@ -546,7 +546,7 @@ def _(failure: None):
     return 0.0
 
 
-@jit
+@inner
 def largest_ratio(law):
     """The largest k_t/k_n that a pair may have [1]."""
     spring = shear_spring(beam_of(law.bonds), law.friction)

@@ -17,7 +17,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import pair_force
 from floebmi.forces import (
     A_X,
@@ -26,7 +25,6 @@ from floebmi.forces import (
     D_OMEGA,
     D_U,
     D_V,
-    FORCE_BUFFER,
     IMPULSE,
     J_XX,
     J_XY,
@@ -42,7 +40,7 @@ from floebmi.forces import (
     total,
     total_spin,
 )  # fmt: skip
-from floebmi.kernels import BLOCK, dispatched, jit
+from floebmi.kernels import BLOCK, dispatched, in_place, inner
 from floebmi.pairs import Near, PairList, narrow, recall, remember, settle, strike, touch_floes
 from floebmi.quantities import Count, Positive, PositiveFraction
 from floebmi.tiles import Tiles
@@ -125,7 +123,7 @@ class Books(NamedTuple):
 # ---- kick, drift, touch -----------------------------------------------------------------------------
 
 
-@jit
+@inner
 def kick(
     floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, first, n, dt, kept, constraint
 ):  # fmt: skip
@@ -140,7 +138,7 @@ def kick(
         kick_one(floes, spinning, force, inverse_x, inverse_y, inverse_spin, np.uintp(k), dt, kept)
 
 
-@jit
+@inner
 def kick_one(floes, spinning, force, inverse_x, inverse_y, inverse_spin, k, dt, kept):
     floe, f = floes[k], force[k]
     floe.u += dt * inverse_x[k] * f.x
@@ -161,7 +159,7 @@ def _(spinning: None, inverse_spin, f, k, dt, kept):
     pass
 
 
-@jit
+@inner
 def hold_kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, first, n, dt, constraint):
     """What holds an axis takes up the contact forces along it."""
     for k in range(first, first + n):
@@ -204,7 +202,7 @@ def _(walls: None, dt, ahead):
     pass
 
 
-@jit
+@inner
 def drift(
     forces, at, floes, spinning, angle, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
     first, n, dt, pushed, parts, constraint, buffer,
@@ -237,7 +235,7 @@ def drift(
     return fastest
 
 
-@jit
+@inner
 def glide(p, begin, end, kicked, dt, constraint):
     """Kick and drift floes on which nothing else acts now; returns the largest speed²."""
     if p.held.size > 0:
@@ -311,7 +309,7 @@ def _(walls: None, dt):
     return 0.0
 
 
-@jit
+@inner
 def push(
     forces, at, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held, h, constraint, buffer
 ):  # fmt: skip
@@ -363,7 +361,7 @@ def _(inverse_spin: None, forces, at, first, n, inertia, h, held, constraint, bu
     pass
 
 
-@jit
+@inner
 def hold_back(first, n, inverse_x, inverse_y, constraint, buffer):
     """What holds an axis takes up the other forces along it."""
     for k in range(n):
@@ -378,7 +376,7 @@ def hold_back(first, n, inverse_x, inverse_y, constraint, buffer):
             constraint[2] -= buffer[IMPULSE + k] * a * buffer[V + k]
 
 
-@jit
+@inner
 def hold_spin_back(inverse_spin, first, n, constraint, buffer):
     for k in range(n):
         if inverse_spin[first + k] == 0.0:
@@ -440,7 +438,7 @@ def _(inverse: None, floes, k, wall, along_x, impulse, constraint):
 # ---- the schemes ------------------------------------------------------------------------------------
 
 
-@jit
+@inner
 def move(
     forces, at, packed, begin, end, kicked, dt, pushed, substeps, due, constraint, buffer
 ):  # fmt: skip
@@ -461,14 +459,14 @@ def move(
     return fastest
 
 
-@jit
+@in_place
 def move_walls(walls, kicked, dt):
     """Kick and drift the walls; returns the largest speed²."""
     kick_walls(walls, kicked, 0.0)
     return drift_walls(walls, dt)
 
 
-@jit
+@in_place
 def end_steps(packed, walls, dt, constraint):
     """The second half of the last kick."""
     p = packed
@@ -477,13 +475,16 @@ def end_steps(packed, walls, dt, constraint):
          0, p.floes.size, 0.5 * dt, 1.0, constraint)  # fmt: skip
 
 
-@jit
+@in_place
 def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicked, dt, pushed, substeps,
-          due, books, pair_buffer, floe_buffer):  # fmt: skip
+          due, books, buffers):  # fmt: skip
     """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
 
     After the last tile come the seams, and with them the walls.
+
+    buffers : of a block of pairs, shape (PAIR_BUFFER,), and of a block of floes, (FORCE_BUFFER,)
     """
+    pair_buffer, floe_buffer = buffers
     p, bounds, seams, fastest = packed, lists.tiles.bounds, lists.tiles.bounds.size - 1, 0.0
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     for tile in range(first, last):
@@ -504,10 +505,10 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
     return fastest
 
 
-@jit
+@in_place
 def verlet(
     laws, forces, at, packed, lists, walls, books, dt, steps, substeps, travelled, half_skin,
-    drag_every, lag,
+    drag_every, lag, buffers,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
 
@@ -520,7 +521,6 @@ def verlet(
     first = (
         last - last
     )  # a zero, but no literal: for one the compiler would make kernels of their own
-    pair_buffer, floe_buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
     while done < steps and travelled < half_skin:
         lag[0] += dt
@@ -534,7 +534,7 @@ def verlet(
                        lists.skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
                 laws, forces, at, p, lists, walls, first, last, turn == 0, turn == 1 or not anew,
-                kicked, dt, lag[0], substeps, due, books, pair_buffer, floe_buffer,
+                kicked, dt, lag[0], substeps, due, books, buffers,
             )  # fmt: skip
             fastest = max(fastest, speed2)
             way = dt * np.sqrt(fastest)
@@ -548,7 +548,7 @@ def verlet(
     return done, travelled
 
 
-@jit
+@in_place
 def is_stale(since, way, skin):
     """Whether a pair that is not on the short list may touch after the next step.
 
@@ -557,9 +557,10 @@ def is_stale(since, way, skin):
     return since + 2.0 * way > 0.5 * skin
 
 
-@jit
+@in_place
 def taylor(
-    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, half_skin
+    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, half_skin,
+    buffers,
 ):  # fmt: skip
     """The paper's schemes: forces at the old place and velocity, then one Taylor step.
 
@@ -571,7 +572,7 @@ def taylor(
     p, near, parts = packed, lists.near, lists.near.counts.size
     start, constraint = parts - parts, books.held[parts - 1]
     ahead = 0.5 if third_order else 0.0
-    pair_buffer, buffer = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
+    pair_buffer, buffer = buffers
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < half_skin:
         forget(p.spinning, p.force)
@@ -625,7 +626,7 @@ def taylor(
     return done, travelled
 
 
-@jit
+@inner
 def hold_taylor(p, ahead, dt, constraint):
     """What holds an axis takes up the contact forces along it, and their change as free floes do."""
     for q in range(p.held.size):
@@ -655,7 +656,7 @@ def _(spinning: None, p, k, ahead, dt, constraint):
     pass
 
 
-@jit
+@inner
 def forget(spinning, force):
     """Forces of the last step are used up."""
     for k in range(force.size):

@@ -11,13 +11,13 @@ exactly in equilibrium.  The impulse of each force in that step, m Δt (a + ½ J
 floe: it is what the ocean and the air get back.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
-from floebmi.kernels import BLOCK, OPTIONS, dispatched, jit
+from floebmi.kernels import BLOCK, PARTS, dispatched, inner
 from floebmi.quantities import NonNegative, Positive
 
 
@@ -173,7 +173,7 @@ def row(at, name, k):
     return at[name, k]
 
 
-@overload(row, jit_options=OPTIONS)
+@overload(row, jit_options=PARTS)
 def _row(at, name, k):
     if at.ndim == 2:
         return lambda at, name, k: at[name, k]
@@ -197,7 +197,7 @@ def acceleration(force, at, k, u, v):
     raise TypeError(f"no acceleration for {type(force).__name__}")
 
 
-@jit
+@inner
 def quadratic_drag(rate, du, dv):
     """K/m Δu|Δu| with its derivative −K/m (|Δu| 1 + Δu Δuᵀ/|Δu|)."""
     speed = np.sqrt(du * du + dv * dv)
@@ -257,7 +257,7 @@ def spin_up(force, at, k, omega):
     return 0.0, 0.0
 
 
-@jit
+@inner
 def quadratic_torque(spin_rate, slip):
     return spin_rate * slip * abs(slip), -2.0 * spin_rate * abs(slip)
 
@@ -336,94 +336,70 @@ def by_row(blocks: np.ndarray, n: int) -> np.ndarray:
     return blocks.reshape(-1, rows, BLOCK).transpose(1, 0, 2).reshape(rows, -1)[:, :n]
 
 
-def total(forces, at, block, n, buffer):
-    """Add Σ a and Σ J of the n floes of a block to the buffer."""
-    raise NotImplementedError
+def for_each(body: Callable) -> Callable:
+    """A function that does `body(force, at, n, buffer)` for each force of a scene, on the n floes of a block."""
+
+    def each(forces, at, block, n, buffer):
+        raise NotImplementedError
+
+    @overload(each, jit_options=PARTS)
+    def _each(forces, at, block, n, buffer):
+        if len(forces) == 0:
+            return lambda forces, at, block, n, buffer: None
+
+        def unrolled(forces, at, block, n, buffer):
+            body(forces[0], at[0][block], n, buffer)
+            each(forces[1:], at[1:], block, n, buffer)
+
+        return unrolled
+
+    return each
 
 
-def total_spin(forces, at, block, n, buffer):
+@for_each
+@inner
+def total(force, at, n, buffer):
+    """Add a and J to the buffer."""
+    for k in range(n):
+        a = acceleration(force, at, k, buffer[U + k], buffer[V + k])
+        buffer[A_X + k] += a.x
+        buffer[A_Y + k] += a.y
+        buffer[J_XX + k] += a.xx
+        buffer[J_XY + k] += a.xy
+        buffer[J_YX + k] += a.yx
+        buffer[J_YY + k] += a.yy
+
+
+@for_each
+@inner
+def total_spin(force, at, n, buffer):
     """The same of their rotation."""
-    raise NotImplementedError
+    for k in range(n):
+        alpha, slope = spin_up(force, at, k, buffer[OMEGA + k])
+        buffer[ALPHA + k] += alpha
+        buffer[SLOPE + k] += slope
 
 
-def book(forces, at, block, n, buffer):
-    """Book the impulse m Δt (a + ½ J δu) of each force on the floes of a block, and its work."""
-    raise NotImplementedError
+@for_each
+@inner
+def book(force, at, n, buffer):
+    """Book the impulse m Δt (a + ½ J δu) of a force on each floe, and its work."""
+    for k in range(n):
+        u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
+        a = acceleration(force, at, k, u, v)
+        x = buffer[IMPULSE + k] * (a.x + 0.5 * (a.xx * du + a.xy * dv))
+        y = buffer[IMPULSE + k] * (a.y + 0.5 * (a.yx * du + a.yy * dv))
+        at[X * BLOCK + k] += x
+        at[Y * BLOCK + k] += y
+        at[WORK * BLOCK + k] += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
 
 
-def book_spin(forces, at, block, n, buffer):
+@for_each
+@inner
+def book_spin(force, at, n, buffer):
     """Book the work of each torque."""
-    raise NotImplementedError
-
-
-@overload(total, jit_options=OPTIONS)
-def _total(forces, at, block, n, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, block, n, buffer: None
-
-    def each(forces, at, block, n, buffer):
-        here = at[0][block]
-        for k in range(n):
-            a = acceleration(forces[0], here, k, buffer[U + k], buffer[V + k])
-            buffer[A_X + k] += a.x
-            buffer[A_Y + k] += a.y
-            buffer[J_XX + k] += a.xx
-            buffer[J_XY + k] += a.xy
-            buffer[J_YX + k] += a.yx
-            buffer[J_YY + k] += a.yy
-        total(forces[1:], at[1:], block, n, buffer)
-
-    return each
-
-
-@overload(total_spin, jit_options=OPTIONS)
-def _total_spin(forces, at, block, n, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, block, n, buffer: None
-
-    def each(forces, at, block, n, buffer):
-        here = at[0][block]
-        for k in range(n):
-            alpha, slope = spin_up(forces[0], here, k, buffer[OMEGA + k])
-            buffer[ALPHA + k] += alpha
-            buffer[SLOPE + k] += slope
-        total_spin(forces[1:], at[1:], block, n, buffer)
-
-    return each
-
-
-@overload(book, jit_options=OPTIONS)
-def _book(forces, at, block, n, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, block, n, buffer: None
-
-    def each(forces, at, block, n, buffer):
-        here = at[0][block]
-        for k in range(n):
-            u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
-            a = acceleration(forces[0], here, k, u, v)
-            x = buffer[IMPULSE + k] * (a.x + 0.5 * (a.xx * du + a.xy * dv))
-            y = buffer[IMPULSE + k] * (a.y + 0.5 * (a.yx * du + a.yy * dv))
-            here[X * BLOCK + k] += x
-            here[Y * BLOCK + k] += y
-            here[WORK * BLOCK + k] += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
-        book(forces[1:], at[1:], block, n, buffer)
-
-    return each
-
-
-@overload(book_spin, jit_options=OPTIONS)
-def _book_spin(forces, at, block, n, buffer):
-    if len(forces) == 0:
-        return lambda forces, at, block, n, buffer: None
-
-    def each(forces, at, block, n, buffer):
-        here = at[0][block]
-        for k in range(n):
-            omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
-            alpha, slope = spin_up(forces[0], here, k, omega)
-            twist = buffer[TWIST + k] * (alpha + 0.5 * slope * change)
-            here[WORK * BLOCK + k] += twist * (omega + 0.5 * change)
-        book_spin(forces[1:], at[1:], block, n, buffer)
-
-    return each
+    for k in range(n):
+        omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
+        alpha, slope = spin_up(force, at, k, omega)
+        twist = buffer[TWIST + k] * (alpha + 0.5 * slope * change)
+        at[WORK * BLOCK + k] += twist * (omega + 0.5 * change)

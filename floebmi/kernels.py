@@ -21,7 +21,8 @@ from numba.extending import overload
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
 # Inlined into what Python calls: a function with a body of its own is there once in each kernel that calls it, each
 # optimised in its own way, and which of them a process takes depends on what it has compiled before.
-OPTIONS = {"fastmath": FASTMATH, "error_model": "numpy", "forceinline": True}
+OPTIONS = {"fastmath": FASTMATH, "error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
+PARTS={**OPTIONS, "_nrt": False}
 BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 
 
@@ -38,14 +39,24 @@ def _cache_folder() -> str:
 CACHE_FOLDER = _cache_folder()
 
 
-def jit(function: Callable) -> Callable:
+def jit(function: Callable, **more) -> Callable:
     """Compile for the machine; cached on disk, NaN-safe fast mathematics, no GIL."""
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = CACHE_FOLDER
     try:
-        return numba.njit(cache=True, nogil=True, **OPTIONS)(function)
+        return numba.njit(cache=True, nogil=True, **{**OPTIONS, **more})(function)
     finally:
         numba.config.CACHE_DIR = before
+
+
+def in_place(function: Callable) -> Callable:
+    """The same for what allocates nothing: without counting references it takes a fifth less to compile."""
+    return jit(function, _nrt=False)
+
+
+def inner(function: Callable) -> Callable:
+    """Part of kernels, which Python does not call itself; allocates nothing."""
+    return jit(function, _nrt=False, no_cpython_wrapper=True)
 
 
 def _python_type(numba_type: numba.types.Type) -> type:
@@ -60,7 +71,7 @@ def dispatched(default: Callable) -> Callable:
     """A function whose code is picked by the type of its first argument, in Python and in kernels."""
     generic = functools.singledispatch(default)
 
-    @overload(generic, strict=False, jit_options=OPTIONS)
+    @overload(generic, strict=False, jit_options=PARTS)
     def pick(*args):
         return generic.dispatch(_python_type(args[0]))
 

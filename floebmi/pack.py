@@ -23,7 +23,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step, Walls
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
-from floebmi.kernels import dispatched, jit
+from floebmi.kernels import dispatched, in_place, inner, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 from floebmi.pairs import PairList, least_of, recall, remembering, wrap
 from floebmi.tiles import Tiles, by_tile
@@ -133,7 +133,7 @@ def pack(
     )
 
 
-@jit
+@in_place
 def _fill(records, x, y, r, w, number, h, u, v):
     """Write records one after the other: column by column each would be fetched many times."""
     for k in range(number.size):
@@ -272,8 +272,10 @@ def stable_step(stiffest: Stiffest, step: Step) -> float:
 
 
 def paper_step(floes: Floes, contact: Contact, density: float, epsilon: float) -> float:
-    """Eq. 4: Δt = ε √(m_min/k_max), k = E h."""
+    """Eq. 4: Δt = ε √(m_min/k_max), k = E h; inf where no floe moves in the domain."""
     ice = floes.active & ~floes.land
+    if not ice.any():
+        return np.inf
     k_max = contact.elastic.youngs_modulus * floes.thickness[ice].max()
     return epsilon * float(np.sqrt(floes.mass(density)[ice].min() / k_max))
 
@@ -361,7 +363,7 @@ def _stiffest(
     return highest, which, rate
 
 
-@jit
+@inner
 def add_stiffness(sums, i, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
     if w_i == 0.0:
         return
@@ -377,7 +379,7 @@ def add_stiffness(sums, i, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
     row[6] += share * c
 
 
-@jit
+@inner
 def largest_eigenvalue(row, floor):
     """Of the symmetric matrix (xx, yy, θθ; xy, xθ, yθ), by the trigonometric formula; at least `floor`."""
     xx, yy, xy, xt, yt, tt = row[0], row[1], row[2], row[3], row[4], row[5]
@@ -421,12 +423,13 @@ class Contacts(NamedTuple):
 @jit
 def look(law, period_x, period_y, floes, mu, sigma, pairs):
     """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
-    return _look(law, period_x, period_y, floes, mu, sigma, pairs)
+    rows = np.zeros((pairs.i.size, 10))
+    _look(law, period_x, period_y, floes, mu, sigma, pairs, rows)
+    return rows
 
 
 @dispatched
-def _look(law, period_x, period_y, floes, mu, sigma, pairs):
-    rows = np.zeros((pairs.i.size, 10))
+def _look(law, period_x, period_y, floes, mu, sigma, pairs, rows):
     for p in range(pairs.i.size):
         i, j = pairs.i[p], pairs.j[p]
         one, other = floes[i], floes[j]
@@ -453,15 +456,14 @@ def _look(law, period_x, period_y, floes, mu, sigma, pairs):
         row[5], row[6] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
         row[7], row[8] = -gap, f.bonded
         row[9] = stored(law, f, gap, one.r, other.r, one.h, other.h) if touching else 0.0
-    return rows
 
 
 @_look.register
-def _(law: None, period_x, period_y, floes, mu, sigma, pairs):
-    return np.empty((0, 10))
+def _(law: None, period_x, period_y, floes, mu, sigma, pairs, rows):
+    pass
 
 
-@jit
+@in_place
 def deepest(period_x, period_y, floes, pair_i, pair_j):
     """The pair with the largest overlap over its smaller radius, and that share; of floes that move."""
     which, deepest_share = -1, 0.0

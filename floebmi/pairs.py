@@ -35,7 +35,7 @@ from floebmi.columns import (
     scatter,
 )  # fmt: skip
 from floebmi.contact import coefficient, lever_arm, pair_force, strength
-from floebmi.kernels import BLOCK, dispatched, jit
+from floebmi.kernels import BLOCK, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
 
@@ -138,7 +138,7 @@ def _(memory: None, p, value):
 # ---- the short list -----------------------------------------------------------------------------------
 
 
-@jit
+@in_place
 def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
     """List anew the pairs of some parts that are nearer than a gap and a margin.
 
@@ -164,7 +164,7 @@ def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
                 near.block[row, q] = near.list_block[row, near.slot[q]]
 
 
-@jit
+@in_place
 def settle(near, first_part, last_part):
     """Back into the list what pairs of the short list remember; it is empty then."""
     for part in range(first_part, last_part):
@@ -349,7 +349,7 @@ def _(
     pass
 
 
-@jit
+@inner
 def strike(inverse, floes, k, x, y, constraint):
     """An impulse on a floe; a held axis hands it on to what holds it."""
     inverse_x, inverse_y, _ = inverse

@@ -44,7 +44,7 @@ def verlet(
         def steps_of(moves: bool, touches: bool) -> Callable[[int, int, int], float]:
             return lambda thread, first, last: sweep(
                 laws, forces, at, p, lists, walls, first, last, moves, touches, kicked, dt, lag[0], substeps, due, books,
-                *buffers[thread],
+                buffers[thread],
             )  # fmt: skip
 
         def touch_anew(thread: int, first: int, last: int) -> float:
