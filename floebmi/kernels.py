@@ -21,8 +21,14 @@ from numba.extending import overload
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
 # Inlined into what Python calls: a function with a body of its own is there once in each kernel that calls it, each
 # optimised in its own way, and which of them a process takes depends on what it has compiled before.
-OPTIONS = {"fastmath": FASTMATH, "error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
-PARTS={**OPTIONS, "_nrt": False}
+OPTIONS = {
+    "fastmath": FASTMATH,
+    "error_model": "numpy",
+    "forceinline": True,
+    "no_cfunc_wrapper": True,
+}
+# Counting references to arrays that somebody else owns would take a fifth of the time of compiling.
+INNER = {**OPTIONS, "_nrt": False, "no_cpython_wrapper": True}
 BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 
 
@@ -39,24 +45,28 @@ def _cache_folder() -> str:
 CACHE_FOLDER = _cache_folder()
 
 
-def jit(function: Callable, **more) -> Callable:
-    """Compile for the machine; cached on disk, NaN-safe fast mathematics, no GIL."""
+def _compiled(function: Callable, options: dict) -> Callable:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = CACHE_FOLDER
     try:
-        return numba.njit(cache=True, nogil=True, **{**OPTIONS, **more})(function)
+        return numba.njit(cache=True, nogil=True, **options)(function)
     finally:
         numba.config.CACHE_DIR = before
 
 
+def jit(function: Callable) -> Callable:
+    """Compile for the machine; cached on disk, NaN-safe fast mathematics, no GIL."""
+    return _compiled(function, OPTIONS)
+
+
 def in_place(function: Callable) -> Callable:
-    """The same for what allocates nothing: without counting references it takes a fifth less to compile."""
-    return jit(function, _nrt=False)
+    """`jit` for what works on the arrays it is given and makes none: faster to compile and to call."""
+    return _compiled(function, {**OPTIONS, "_nrt": False})
 
 
 def inner(function: Callable) -> Callable:
-    """Part of kernels, which Python does not call itself; allocates nothing."""
-    return jit(function, _nrt=False, no_cpython_wrapper=True)
+    """`in_place` for what only kernels call, not Python."""
+    return _compiled(function, INNER)
 
 
 def _python_type(numba_type: numba.types.Type) -> type:
@@ -71,7 +81,7 @@ def dispatched(default: Callable) -> Callable:
     """A function whose code is picked by the type of its first argument, in Python and in kernels."""
     generic = functools.singledispatch(default)
 
-    @overload(generic, strict=False, jit_options=PARTS)
+    @overload(generic, strict=False, jit_options=INNER)
     def pick(*args):
         return generic.dispatch(_python_type(args[0]))
 
