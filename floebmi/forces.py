@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from floebmi.kernels import BLOCK, INNER, dispatched, inner
+from floebmi.kernels import BLOCK, IN_PLACE, dispatched, inner
 from floebmi.quantities import NonNegative, Positive
 
 
@@ -173,7 +173,7 @@ def row(at, name, k):
     return at[name, k]
 
 
-@overload(row, jit_options=INNER)
+@overload(row, jit_options=IN_PLACE)
 def _row(at, name, k):
     if at.ndim == 2:
         return lambda at, name, k: at[name, k]
@@ -342,7 +342,7 @@ def for_each(body: Callable) -> Callable:
     def each(forces, at, block, n, buffer):
         raise NotImplementedError
 
-    @overload(each, jit_options=INNER)
+    @overload(each, jit_options=IN_PLACE)
     def _each(forces, at, block, n, buffer):
         if len(forces) == 0:
             return lambda forces, at, block, n, buffer: None

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numba
 import platformdirs
-from numba.extending import overload
+from numba.extending import overload, register_jitable
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
 # Inlined into what Python calls: a function with a body of its own is there once in each kernel that calls it, each
@@ -28,7 +28,7 @@ OPTIONS = {
     "no_cfunc_wrapper": True,
 }
 # Counting references to arrays that somebody else owns would take a fifth of the time of compiling.
-INNER = {**OPTIONS, "_nrt": False, "no_cpython_wrapper": True}
+IN_PLACE = {**OPTIONS, "_nrt": False}
 BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
 
 
@@ -61,12 +61,12 @@ def jit(function: Callable) -> Callable:
 
 def in_place(function: Callable) -> Callable:
     """`jit` for what works on the arrays it is given and makes none: faster to compile and to call."""
-    return _compiled(function, {**OPTIONS, "_nrt": False})
+    return _compiled(function, IN_PLACE)
 
 
 def inner(function: Callable) -> Callable:
-    """`in_place` for what only kernels call, not Python."""
-    return _compiled(function, INNER)
+    """Plain Python for Python, and a part of the kernels that call it."""
+    return register_jitable(**IN_PLACE)(function)
 
 
 def _python_type(numba_type: numba.types.Type) -> type:
@@ -81,7 +81,7 @@ def dispatched(default: Callable) -> Callable:
     """A function whose code is picked by the type of its first argument, in Python and in kernels."""
     generic = functools.singledispatch(default)
 
-    @overload(generic, strict=False, jit_options=INNER)
+    @overload(generic, strict=False, jit_options=IN_PLACE)
     def pick(*args):
         return generic.dispatch(_python_type(args[0]))
 

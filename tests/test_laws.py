@@ -51,7 +51,7 @@ class Memory(NamedTuple):
 
 def force(law, gap, rates=(0.0, 0.0, 0.0), memory=Memory(bonded=1.0), h=(1.0, 1.0), dt=DT):
     """The force at a gap that was reached at rates of opening, slip and turn over the time dt."""
-    return pair_force.py_func(
+    return pair_force(
         law, gap, *rates, R, R, *h, 1.0, coefficient(law.friction), strength(law.bonds), *memory, dt
     )
 
@@ -148,7 +148,7 @@ def test_forces_and_moment_of_a_beam_are_minus_the_slopes_of_its_energy(gap):
 
     def energy(gap, slip, bent):
         f = force(law, gap, memory=Memory(slip, 1.0, 0.0, bent))
-        return stored.py_func(law, f, gap, R, R, 1.0, 1.0)
+        return stored(law, f, gap, R, R, 1.0, 1.0)
 
     slopes = [
         (energy(*(at + step * axis)) - energy(*(at - step * axis))) / (2 * step)
@@ -171,9 +171,9 @@ def disc_lens(r, d):
 
 def test_the_lens_of_two_discs_is_their_common_area():
     for d in (3.0, 10.0, 19.9):
-        assert lens.py_func(R, R, d) == pytest.approx(disc_lens(R, d), rel=1e-10)
-    assert lens.py_func(10.0, 4.0, 5.0) == pytest.approx(16 * np.pi)
-    assert lens.py_func(10.0, 4.0, 14.0) == 0.0
+        assert lens(R, R, d) == pytest.approx(disc_lens(R, d), rel=1e-10)
+    assert lens(10.0, 4.0, 5.0) == pytest.approx(16 * np.pi)
+    assert lens(10.0, 4.0, 14.0) == 0.0
 
 
 @pytest.mark.parametrize("friction", [None, Coulomb(0.3)])
@@ -238,7 +238,7 @@ def test_what_a_pair_takes_from_the_motion_is_stored_or_lost(law):
             taken += sign * 0.5 * DT * rate * (getattr(before, name) + getattr(f, name))
         taken -= f.blow_n * rates[0] + f.blow_t * rates[1]
         losses += f.friction_loss, f.bond_loss, f.failure_loss
-        kept = stored.py_func(law, f, gap, R, R, 1.0, 1.0) if gap < 0 or f.bonded > 0 else 0.0
+        kept = stored(law, f, gap, R, R, 1.0, 1.0) if gap < 0 or f.bonded > 0 else 0.0
         memory, before = Memory(*(getattr(f, name) for name in Memory._fields)), f
     assert (losses[0 if law is ALL else 1 :] > 0).all()
     assert taken == pytest.approx(losses.sum() + kept, rel=1e-9)

@@ -69,7 +69,7 @@ def push_code(*forces):
     )
     one, none, buffer = np.ones(1), np.zeros(0, np.int64), np.zeros(FORCE_BUFFER)
     arguments = forces, at, 0, 1, one, None, one, one, None, none, 1.0, np.zeros(3), buffer
-    return machine_code(dynamics.push.py_func, *arguments)
+    return machine_code(dynamics.push, *arguments)
 
 
 def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
@@ -82,7 +82,7 @@ def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
 
 def contact_code(law):
     arguments = (law, -0.1, 0.0, 0.1, 0.0, *[1.0] * 7, *[0.0] * 6, 0.1)
-    return machine_code(dynamics.pair_force.py_func, *arguments)
+    return machine_code(dynamics.pair_force, *arguments)
 
 
 def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed():
