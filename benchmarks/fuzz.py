@@ -164,8 +164,7 @@ def outcome(scene: dict[str, Any]) -> Outcome:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             model = model_of(scene)
-            step = model.longest_step()
-            step = min(step, 1e-2 * scene["side"]) if np.isfinite(step) else 1e-2 * scene["side"]
+            step = min(model.longest_step(), 1e-2 * scene["side"], _coming_in(scene))
             for _ in range(scene["exchanges"]):
                 model.advance(scene["steps"] * step / scene["exchanges"])
             wrong = _wrong(model)
@@ -177,6 +176,12 @@ def outcome(scene: dict[str, Any]) -> Outcome:
         return Outcome("refused" if isinstance(refusal, fb.InputError) else "stopped", text)
     except Exception as error:  # noqa: BLE001  whatever it is, it is what is looked for
         return Outcome("broken", f"{type(error).__name__}: {error}")
+
+
+def _coming_in(scene: dict[str, Any]) -> float:
+    """Hundred √(m/k) of the smallest floe [s], so that no inflow makes an exchange of millions of steps."""
+    smallest = scene["largest"] / scene["size_ratio"]
+    return 100.0 * smallest * float(np.sqrt(934.0 * np.pi / scene["youngs_modulus"]))
 
 
 def _wrong(model: fb.Model) -> str:

@@ -41,6 +41,16 @@ def test_random_scenes_of_all_laws_run_within_their_ledgers_or_are_refused(numbe
 
 
 KEPT = {
+    # the paper's step of a scene whose floes are all of land
+    "no floe that moves": {
+        "edges": ("inactive", "inactive"), "wall": "", "contact": True, "friction": True, "bonds": False,
+        "dashpot": False, "ocean": True, "wind": True, "others": False, "rotation": False, "scheme": "verlet",
+        "seed": 473013, "n": 1, "side": 16228.4, "shape": 2.2, "origin": 1000.0, "largest": 0.001,
+        "size_ratio": 1.0, "thickness": (0.009, 1.0), "speed": 0.0, "relaxed": True, "held": 1.0, "inflow": True,
+        "youngs_modulus": 1e4, "coefficient": 10.0, "strength": 2e5, "restitution": 0.001, "current": 4.0,
+        "wind_speed": 0.0, "cells": (5, 1), "dry": 0.3, "sampling": "centre", "epsilon": 0.07, "fraction": 0.3,
+        "exchanges": 5, "steps": 1.0,
+    },
     # taylor3: a wall took the force of the ice, but not, as the floes did, its change since the step before
     "momentum that a wall did not take": {
         "edges": ("closed", "inactive"), "wall": "moving", "contact": True, "friction": True, "bonds": True,
