@@ -59,8 +59,9 @@ from floebmi.gridding import (
     pressure,
     sizes_of_drag,
 )
+from floebmi.kept import Marks, Memory, marks
 from floebmi.overlaps import overlapping
-from floebmi.pack import Contacts, look, remembered
+from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import all_finite, check, words
 from floebmi.sampling import (
@@ -130,14 +131,14 @@ class Fluid:
 class _Seen:
     """What was found out about the floes as they are at one moment; each thing once.
 
-    floes : a copy, to know whether they are still so
+    floes : a copy of them then, to know whether they are still so
     list : the floes packed, with their neighbours and contact forces
     contacts : the pairs that push or hold each other
     areas, weights : by the id of a grid
     """
 
     def __init__(self, floes: Floes) -> None:
-        self.floes = floes.copy()
+        self.floes = floes
         self.list: Advance | None = None
         self.contacts: Contacts | None = None
         self.areas: dict[int, Coverage] = {}
@@ -220,7 +221,7 @@ class Model:
         self._refuse_overlaps()
         self._state = State(
             records,
-            self._nothing_remembered(),
+            Memory(self._nothing_remembered(), np.arange(len(floes))),
             None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
             None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
             rng,
@@ -228,13 +229,13 @@ class Model:
         )
         self._last_duration = 0.0
         self._warned_of_lag = False
-        self._seen = _Seen(floes)
+        self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
         self._at = self._allocate()
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
-        self._state.memory = remembered(now.packed, now.pairs, len(floes))
+        self._state.memory = now.memory()
         self._seen.list = None
 
     # ---- checks ------------------------------------------------------------------------------------
@@ -323,8 +324,8 @@ class Model:
     def _look(self) -> _Seen:
         """What is known about the floes as they are now; forgotten when they change."""
         draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
-        if not _same(self._seen.floes, self.floes):
-            self._seen = _Seen(self.floes)
+        if not self._seen.floes.same(self.floes):
+            self._seen = _Seen(self.floes.copy())
         return self._seen
 
     def _now(self, seen: _Seen | None = None) -> Advance:
@@ -334,24 +335,16 @@ class Model:
         """
         seen = seen or self._look()
         if seen.list is None:
-            self._fit_memory()
-            advance = Advance(
-                self.floes, self._state, self.domain, self.contact, self.forces, self.step,
-                self.ice_density, self.draft_fraction, self.threads,
-            )  # fmt: skip
-            advance.look()
-            seen.list = advance
+            self._state.fit(len(self.floes))
+            seen.list = self._advance()
+            seen.list.look()
         return seen.list
 
-    def _fit_memory(self) -> None:
-        """Floes that somebody added remember nothing."""
-        state, n = self._state, len(self.floes)
-        missing = n + 1 - len(state.memory.start)
-        if missing > 0:
-            start = state.memory.start
-            more = np.append(start, np.full(missing, start[-1]))
-            state.memory = state.memory._replace(start=more)
-            state.extend(missing)
+    def _advance(self) -> Advance:
+        return Advance(
+            self.floes, self._state, self.domain, self.contact, self.forces, self.step,
+            self.ice_density, self.draft_fraction, self.threads,
+        )  # fmt: skip
 
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
@@ -393,7 +386,7 @@ class Model:
             self._state.go_back(before)
             raise
         self._give_back(weights, known)
-        self._left = self._seen = _Seen(self.floes)
+        self._left = self._seen = _Seen(self._state.kept.floes)
         self.time += duration
         self._last_duration = duration
         self._warn_of_lag(duration)
@@ -693,6 +686,8 @@ class Model:
     def state(self) -> dict[str, object]:
         """All that a restart needs, as arrays, numbers and text that the model will not change."""
         s, f = self._state, self.floes
+        memory = s.memory.by_number(len(f))
+        kept = None if s.kept is None else s.kept.of(f)
         state: dict[str, object] = {
             "version": __version__,
             "time": self.time,
@@ -700,9 +695,9 @@ class Model:
             "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(
                 -1, len(s.walls.dtype)
             ),
-            "pair_start": s.memory.start,
-            "pair_i": s.memory.i,
-            "pair_j": s.memory.j,
+            "pair_start": memory.start,
+            "pair_i": memory.i,
+            "pair_j": memory.j,
             "rng": json.dumps(s.rng.bit_generator.state),
             "waiting": np.array([np.nan if x.waiting is None else x.waiting for x in s.feeders]),
             "counters": np.array([float(value) for value in vars(s.counters).values()]),
@@ -714,8 +709,10 @@ class Model:
             state["floes_angular_velocity"] = f.angular_velocity.copy()
         for name in own(self.contact):
             state[f"floes_{name}"] = getattr(f, name).copy()
-        for name, values in s.memory.memory().items():
+        for name, values in memory.memory().items():
             state[f"pair_{name}"] = values
+        for name, values in marks(kept, s.memory.number)._asdict().items():
+            state[f"list_{name}"] = values.copy()
         for name in ("previous", "remainder"):
             if getattr(s, name) is not None:
                 state[name] = getattr(s, name).copy()
@@ -735,6 +732,11 @@ class Model:
             if the state does not fit this model; the model is then as before.
         """
         expected = set(self.state())
+        if expected - set(state) == {f"list_{name}" for name in Marks._fields}:
+            raise InputError(
+                "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
+                "run the scene again from its start"
+            )
         if set(state) != expected:
             odd = ", ".join(sorted(set(state) ^ expected))
             raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")
@@ -771,16 +773,17 @@ class Model:
         self.floes = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
-        self._left, self._seen = None, _Seen(floes)
+        self._left, self._seen = None, _Seen(floes.copy())
         for row, wall in zip(np.asarray(state["walls"]), s.walls, strict=True):
             for name, value in zip(s.walls.dtype.names, row, strict=True):
                 wall[name] = value
-        s.memory = PairList(
+        pairs = PairList(
             np.asarray(state["pair_start"], np.int64),
             np.asarray(state["pair_i"], np.uint32),
             np.asarray(state["pair_j"], np.uint32),
             **{name: np.asarray(state[f"pair_{name}"], float) for name in memories(self.contact)},
         )
+        s.memory, s.kept = Memory(pairs, np.arange(len(floes))), None
         for name, columns in (("previous", 3), ("remainder", 2)):
             if getattr(s, name) is not None:
                 setattr(s, name, np.array(state[name], float).reshape(-1, columns))
@@ -796,6 +799,9 @@ class Model:
                 for name, values in vars(fluid).items():
                     if isinstance(values, np.ndarray):
                         values[:] = state[f"{what}_{name}"]
+        listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
+        if len(listed.way):
+            self._advance().list_again(listed)
 
     # ---- in words ----------------------------------------------------------------------------------
 
@@ -860,14 +866,3 @@ class Model:
         side = f.thickness[ice] * (share if isinstance(drag, OceanDrag) else 1.0 - share)
         values = bulk_coefficient(drag, f.radius[ice], side)
         return float(values.min()), float(values.max())
-
-
-def _same(one: Floes, other: Floes) -> bool:
-    names = ("x", "y", "u", "v", "radius", "thickness", "active", "motion")
-    names += ("angle", "angular_velocity") if one.rotation and other.rotation else ()
-    names += tuple(
-        name for name in ("friction", "tensile_strength") if getattr(one, name) is not None
-    )
-    return len(one) == len(other) and all(
-        np.array_equal(getattr(one, name), getattr(other, name)) for name in names
-    )
