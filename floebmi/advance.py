@@ -160,9 +160,8 @@ class Advance:
 
     # ---- packing and the list ----------------------------------------------------------------------
 
-    def look(self) -> None:
-        """Pack the floes, with the list that was kept or a fresh one, and find the forces they begin with."""
-        kept = None if self.state.kept is None else self.state.kept.of(self.floes)
+    def look(self, kept: Kept | None) -> None:
+        """Pack the floes, with a list that was kept or a fresh one, and find the forces they begin with."""
         if kept is None:
             self._list_anew(self.state.memory)
         else:
@@ -262,7 +261,7 @@ class Advance:
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.here = tuple(by_block(at.take(self.packed.number, axis=1)) for at in self.at)
+        self.here = tuple(by_block(at, self.packed.number) for at in self.at)
         self.state.counters.rebuilds += self.fresh
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
@@ -337,9 +336,10 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            booked = by_row(here, len(self.packed.number))[BOOKED]
-            for row, new in zip(at[BOOKED], booked, strict=True):  # faster than all at once
-                row[self.packed.number] = new
+            for row, new in zip(
+                at[BOOKED], by_row(here)[BOOKED], strict=True
+            ):  # faster than at once
+                row[self.packed.number] = new.ravel()[: len(self.packed.number)]
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -500,17 +500,17 @@ class Advance:
             return np.ones(n // BLOCK + 1, np.int64)
         speed = float(np.sqrt((p.floes.u**2 + p.floes.v**2).max()))
         spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
-        here = [by_row(at, n) for at in self.here]
+        here = [by_row(at) for at in self.here]
         speed = speed_bound(self.forces, here, speed)
-        rate = np.zeros(n)
+        rate = np.zeros(here[0].shape[1:])
         for force, at in zip(self.forces, here, strict=True):
             rate += fastest_rate(force, at, speed, spin)
-        held = (p.inverse_x == 0.0) & (p.inverse_y == 0.0)
+        held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
         if p.inverse_spin is not None:
-            held &= p.inverse_spin == 0.0
-        rate[held] = 0.0
-        fastest = np.maximum.reduceat(rate, np.arange(0, n, BLOCK))
-        return np.maximum(1, np.ceil(fastest * dt / DRAG_RESOLUTION)).astype(np.int64)
+            held = held[p.inverse_spin[held] == 0.0]
+        rate.flat[held] = 0.0
+        rate.flat[n:] = 0.0
+        return np.maximum(1, np.ceil(rate.max(axis=1) * dt / DRAG_RESOLUTION)).astype(np.int64)
 
     def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
         books = self._books()
@@ -540,10 +540,12 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.hypot(floes.u, floes.v)
+        speed = np.sqrt(floes.u**2 + floes.v**2)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
-        if not (all_finite(speed) and all_finite(floes.x) and all_finite(floes.y)):
-            wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
+        moving = speed, floes.x, floes.y
+        moving += () if self.packed.spinning is None else (floes.omega, self.packed.angle)
+        if not all(map(all_finite, moving)):
+            wild = ~np.isfinite(moving).all(axis=0)
             floe = self.packed.number[np.argmax(wild)]
             raise StabilityError(
                 f"floe {floe}: position or velocity is no longer finite {at}; "

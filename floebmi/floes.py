@@ -276,6 +276,8 @@ class Floes:
 
         names : of the properties that are compared, where there are such; default: all
         """
+        if other is self:
+            return True
         mine = self._columns.keys()
         shared = mine & (mine if names is None else set(names))
         return (

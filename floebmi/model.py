@@ -59,7 +59,7 @@ from floebmi.gridding import (
     pressure,
     sizes_of_drag,
 )
-from floebmi.kept import Marks, Memory, marks
+from floebmi.kept import Kept, Marks, Memory, marks
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
@@ -69,7 +69,6 @@ from floebmi.sampling import (
     Weights,
     coverage,
     floe_weights,
-    gather,
     gather_each,
     shares,
     without_cell,
@@ -231,7 +230,7 @@ class Model:
         self._warned_of_lag = False
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
-        self._at = self._allocate()
+        self._at = self._tables = self._allocate()
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
@@ -337,8 +336,13 @@ class Model:
         if seen.list is None:
             self._state.fit(len(self.floes))
             seen.list = self._advance()
-            seen.list.look()
+            seen.list.look(self._kept(seen))
         return seen.list
+
+    def _kept(self, seen: _Seen) -> Kept | None:
+        """The list of the last exchange, as far as it holds for the floes as they are now."""
+        kept = self._state.kept
+        return None if kept is None else kept.of(seen.floes)
 
     def _advance(self) -> Advance:
         return Advance(
@@ -366,8 +370,10 @@ class Model:
             return
         self._check_fluids()
         seen = self._look()
-        self.floes.check()
-        self._at = self._allocate()
+        if seen is not self._left:
+            self.floes.check()
+            self._tables = self._allocate()
+        self._at = tuple(table.copy() for table in self._tables)
         weights = self._sample(seen)
         known = len(self.floes)
         advance = self._now(seen)
@@ -386,6 +392,8 @@ class Model:
             self._state.go_back(before)
             raise
         self._give_back(weights, known)
+        if len(self.floes) != known:
+            self._tables = self._allocate()
         self._left = self._seen = _Seen(self._state.kept.floes)
         self.time += duration
         self._last_duration = duration
@@ -481,28 +489,30 @@ class Model:
     def _sample(self, seen: _Seen) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
+        reads: dict[
+            int, list[tuple[np.ndarray, np.ndarray]]
+        ] = {}  # field and where it goes, by grid
         for force, at in zip(self.forces, self._at, strict=True):
             fluid = self._fluid_of(force)
             if fluid is None:
                 continue
             grid = id(fluid.grid)
             if grid not in weights:
-                weights[grid] = self._weights(seen, fluid.grid)
-            w = weights[grid]
+                weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
             if isinstance(force, CoriolisField):
-                gather(w, fluid.coriolis, out=at[PARAMETER])
+                reads[grid] += [(fluid.coriolis, at[PARAMETER])]
                 continue
             if isinstance(force, Tilt):
-                gather(w, fluid.tilt_x, out=at[FLUID_U])
-                gather(w, fluid.tilt_y, out=at[FLUID_V])
+                reads[grid] += [(fluid.tilt_x, at[FLUID_U]), (fluid.tilt_y, at[FLUID_V])]
                 continue
-            nowhere = without_cell(w)
+            reads[grid] += [(fluid.u, at[FLUID_U]), (fluid.v, at[FLUID_V])]
+            nowhere = without_cell(weights[grid])
             at[RATE, nowhere] = 0.0  # no water, no drag
-            fields, rows = (fluid.u, fluid.v), (at[FLUID_U], at[FLUID_V])
             if len(at) > SPIN_RATE:
-                fields, rows = (*fields, 0.5 * fluid.vorticity()), (*rows, at[HALF_CURL])
+                reads[grid] += [(0.5 * fluid.vorticity(), at[HALF_CURL])]
                 at[SPIN_RATE, nowhere] = 0.0
-            gather_each(w, fields, rows)
+        for grid, each in reads.items():
+            gather_each(weights[grid], *zip(*each, strict=True))
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -685,9 +695,9 @@ class Model:
 
     def state(self) -> dict[str, object]:
         """All that a restart needs, as arrays, numbers and text that the model will not change."""
+        kept = self._kept(self._look())
         s, f = self._state, self.floes
         memory = s.memory.by_number(len(f))
-        kept = None if s.kept is None else s.kept.of(f)
         state: dict[str, object] = {
             "version": __version__,
             "time": self.time,
