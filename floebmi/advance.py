@@ -579,8 +579,10 @@ class Advance:
     def elastic_energy(self) -> float:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
-        rows = look(self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs)
-        energy = float(rows[:, 9].sum())
+        _, rows = look(
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
+        )
+        energy = float(rows[:, -1].sum())
         for w, wall in enumerate(walls):
             near = p.floes[self.walls.floe[self.walls.number == w]]
             gap = wall.side * ((near.x if wall.axis == 0 else near.y) - wall.position) - near.r

@@ -328,8 +328,7 @@ def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
     n = len(number)
     floes = number[np.minimum(np.arange(n + -n % BLOCK), n - 1)].reshape(-1, BLOCK)
     blocks = np.empty((len(floes), len(at), BLOCK))
-    for row, values in enumerate(at):
-        blocks[:, row] = values[floes]
+    blocks[:] = at.take(floes, axis=1).transpose(1, 0, 2)
     return blocks.reshape(len(floes), len(at) * BLOCK)
 
 

@@ -536,11 +536,10 @@ class Model:
             rows, impulse = (w.start, w.cell, w.weight), (at[X, :known], at[Y, :known])
             give_back(*rows, *impulse, fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y)
             if fluid.magnitude is not None:
-                speed = np.sqrt((at[FLUID_U] - f.u) ** 2 + (at[FLUID_V] - f.v) ** 2)
                 mass = np.where(f.active, f.mass(self.ice_density), 0.0)
-                slip = speed * at[RATE] * mass
                 sizes_of_drag(
-                    *rows, *impulse, slip[:known], fluid.grid.area, fluid.magnitude, fluid.coefficient
+                    *rows, *impulse, at[FLUID_U], at[FLUID_V], f.u, f.v, at[RATE], mass, fluid.grid.area,
+                    fluid.magnitude, fluid.coefficient,
                 )  # fmt: skip
             lost = np.flatnonzero(without_cell(w))
             for axis, values in enumerate((at[X], at[Y])):
@@ -601,12 +600,12 @@ class Model:
     def _contacts(self, now: Advance) -> Contacts:
         p, pairs = now.packed, now.pairs
         law = None if self.contact is None else prepare(self.contact)
-        rows = look(law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs)
-        touching = rows[:, 0] > 0 if len(rows) else np.zeros(0, bool)
-        i, j = p.number[pairs.i[: len(rows)][touching]], p.number[pairs.j[: len(rows)][touching]]
+        touching, rows = look(
+            law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs
+        )
+        i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
-        columns = rows[touching].T[1:]
-        values = [column[order] for column in columns]
+        values = [column[order] for column in rows.T]
         values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
         values[7] = values[7] > 0
         return Contacts(i[order], j[order], *values)

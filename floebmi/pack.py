@@ -445,13 +445,13 @@ class Contacts(NamedTuple):
 
 @jit
 def look(law, period_x, period_y, floes, mu, sigma, pairs):
-    """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
+    """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
     return _look(law, period_x, period_y, floes, mu, sigma, pairs)
 
 
 @dispatched
 def _look(law, period_x, period_y, floes, mu, sigma, pairs):
-    rows = np.zeros((pairs.i.size, 10))
+    rows, touching, m = np.empty((pairs.i.size, 9)), np.empty(pairs.i.size, np.int64), 0
     for p in range(pairs.i.size):
         i, j = pairs.i[p], pairs.j[p]
         one, other = floes[i], floes[j]
@@ -470,20 +470,22 @@ def _look(law, period_x, period_y, floes, mu, sigma, pairs):
             recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
             recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
         )  # fmt: skip
-        touching = gap < 0.0 or f.bonded > 0.0
-        row = rows[p]
-        row[0] = 1.0 if touching else 0.0
-        row[1], row[2] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
-        row[3], row[4] = dx, dy
-        row[5], row[6] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
-        row[7], row[8] = -gap, f.bonded
-        row[9] = stored(law, f, gap, one.r, other.r, one.h, other.h) if touching else 0.0
-    return rows
+        if gap >= 0.0 and f.bonded <= 0.0:
+            continue
+        row = rows[m]
+        row[0], row[1] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
+        row[2], row[3] = dx, dy
+        row[4], row[5] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
+        row[6], row[7] = -gap, f.bonded
+        row[8] = stored(law, f, gap, one.r, other.r, one.h, other.h)
+        touching[m] = p
+        m += 1
+    return touching[:m], rows[:m]
 
 
 @_look.register
 def _(law: None, period_x, period_y, floes, mu, sigma, pairs):
-    return np.empty((0, 10))
+    return np.empty(0, np.int64), np.empty((0, 9))
 
 
 @jit

@@ -85,10 +85,12 @@ def _overlap_rectangles(
 ):
     """Areas of discs in the cells of a rectilinear grid: fills start and inside, returns cell, area."""
     nx = x_edges.size - 1
-    west = np.empty(nx + 1)  # H of the grid lines that cross the disc
+    place = np.empty(nx + 1)  # of the grid lines that cross the disc, from its centre; and their H
+    west = np.empty(nx + 1)
     below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
     above = np.empty(nx + 1)
     m = start[0]
+    # unsigned indices: no wrap-around; and no branches that cannot be foreseen: a quarter of the time
     for k in range(x.size):
         cx, cy, r, total = x[k], y[k], radius[k], 0.0
         least = ROUND_OFF * math.pi * r * r
@@ -97,27 +99,27 @@ def _overlap_rectangles(
         j0 = column(y_edges, y_first, cy - r)
         j1 = column(y_edges, y_first, cy + r)
         cell, area = _with_room(cell, area, m + (i1 - i0 + 1) * (j1 - j0 + 1))
-        for i in range(i0, i1 + 2):
-            west[i] = disc_west(x_edges[i] - cx, r)
-        for j in range(j0, j1 + 2):
+        for i in range(np.uintp(i0), np.uintp(i1 + 2)):
+            place[i] = x_edges[i] - cx
+            west[i] = disc_west(place[i], r)
+        for j in range(np.uintp(j0), np.uintp(j1 + 2)):
             dy = y_edges[j] - cy
             south = disc_west(dy, r)
-            for i in range(i0, i1 + 2):
-                above[i] = disc_south_west(x_edges[i] - cx, dy, west[i], south, r)
-            if j == j0:
-                below, above = above, below
-                continue
-            for i in range(i0, i1 + 1):
-                far_x = max(x_edges[i + 1] - cx, cx - x_edges[i])
-                far_y = max(dy, cy - y_edges[j - 1])
-                if far_x * far_x + far_y * far_y < r * r:  # the cell lies in the disc
-                    amount = (x_edges[i + 1] - x_edges[i]) * (y_edges[j] - y_edges[j - 1])
-                else:
-                    amount = (above[i + 1] - above[i]) - (below[i + 1] - below[i])
-                if amount > least:
-                    cell[m], area[m] = (j - 1) * nx + i, amount
-                    total += amount
-                    m += 1
+            for i in range(np.uintp(i0), np.uintp(i1 + 2)):
+                above[i] = disc_south_west(place[i], dy, west[i], south, r)
+            if j > j0:
+                under = j - np.uintp(1)
+                far_y, height = max(dy, cy - y_edges[under]), y_edges[j] - y_edges[under]
+                for i in range(np.uintp(i0), np.uintp(i1 + 1)):
+                    beside = i + np.uintp(1)
+                    far_x, width = max(place[beside], -place[i]), x_edges[beside] - x_edges[i]
+                    amount = (above[beside] - above[i]) - (below[beside] - below[i])
+                    within = far_x * far_x + far_y * far_y < r * r  # the cell lies in the disc
+                    amount = width * height if within else amount
+                    cell[np.uintp(m)], area[np.uintp(m)] = under * np.uintp(nx) + i, amount
+                    enough = amount > least
+                    total += amount if enough else 0.0
+                    m += enough
             below, above = above, below
         start[k + 1], inside[k] = m, total
     return cell, area
@@ -160,13 +162,14 @@ def _overlap_polygons(
 
 
 @jit
-def _normalise(start, weight):
+def _normalise(start, amount, weight):
+    """Amounts over the sum of their row."""
     for k in range(start.size - 1):
         total = 0.0
-        for m in range(start[k], start[k + 1]):
-            total += weight[m]
-        for m in range(start[k], start[k + 1]):
-            weight[m] /= total
+        for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+            total += amount[m]
+        for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
+            weight[m] = amount[m] / total
 
 
 @jit
@@ -346,8 +349,8 @@ def coverage(
 def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
     """Weights "overlap": the areas in wet cells over their sum; wet is (grid.size,) bool."""
     if wet.all():  # nothing to leave out: the rows are those of the areas
-        weight = coverage.area.copy()
-        _normalise(coverage.start, weight)
+        weight = np.empty(coverage.area.size)
+        _normalise(coverage.start, coverage.area, weight)
         return Weights(coverage.start, coverage.cell, weight, coverage.size)
     start = np.zeros(coverage.start.size, np.int64)
     cell, weight = np.empty(coverage.cell.size, np.int64), np.empty(coverage.cell.size)
@@ -440,7 +443,7 @@ def floe_weights(
         raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
     x, y, radius = check_floes(x, y, radius)
     start, cell, weight = _centre_weights(grid, x, y, period)
-    _normalise(start, weight)
+    _normalise(start, weight, weight)
     return Weights(start, cell, weight, grid.size)
 
 
