@@ -199,11 +199,11 @@ class Advance:
         number, x, y, walls, (room, travelled), stiffest = marks
         self.packed = self._pack(number, x, y)
         self._list(self.packed, walls, self.state.memory)
-        self.room, self._stiffest = float(room), None
+        self.room, self.travelled, self._stiffest = float(room), float(travelled), None
         if len(stiffest):
             omega2, floe, damping = stiffest
             self._stiffest = Stiffest(float(omega2), int(floe), float(damping))
-        self._keep(float(travelled))
+        self._keep()
 
     def _pack(self, number: np.ndarray, x: np.ndarray, y: np.ndarray) -> Packed:
         state = self.state
@@ -237,12 +237,12 @@ class Advance:
         """What the pairs remember now."""
         return Memory(self.pairs, self.packed.number, self.tiles.seam)
 
-    def _keep(self, travelled: float) -> None:
+    def _keep(self) -> None:
         """Leave the list to the next exchange, with what its pairs remember; nothing may change them now."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
             self.list_x, self.list_y, self.list_walls, self.tiles, self.walls.floe, self.walls.number,
-            self.skin, self.closing, self.room, travelled, self._stiffest, self.floes.copy(),
+            self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
         )  # fmt: skip
 
     @property
@@ -343,10 +343,9 @@ class Advance:
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
-        travelled = self._strayed()
         self._unpack()
         self._wrap()
-        self._keep(travelled)
+        self._keep()
         self._book()
 
     def _renew(self) -> None:
@@ -468,14 +467,13 @@ class Advance:
         taken = 0
         substeps = self._substeps(self.step.drag_every * dt)
         while taken < steps:
-            n, self.travelled = self._kernel(dt, steps - taken, substeps)
+            n = self._kernel(dt, steps - taken, substeps)
             taken += n
             self._count(n, dt)
             self._check(dt, done + taken * dt)
-            if taken < steps:
-                self.travelled = self._strayed()
-                if self.travelled > NEARLY * self._reach():
-                    break
+            self.travelled = self._strayed()
+            if self.travelled > NEARLY * self._reach():
+                break
         reached = done + taken * dt
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
 
@@ -512,18 +510,19 @@ class Advance:
         rate.flat[n:] = 0.0
         return np.maximum(1, np.ceil(rate.max(axis=1) * dt / DRAG_RESOLUTION)).astype(np.int64)
 
-    def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
+    def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> int:
+        """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
         floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
         reach = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)
+            done, _ = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach)
         else:
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
-                done = verlet(*floes, *rest)
+                done, _ = verlet(*floes, *rest)
             else:
-                done = verlet_in_threads(self.threads, *floes, *rest)
+                done, _ = verlet_in_threads(self.threads, *floes, *rest)
         self._close(books)
         return done
 
