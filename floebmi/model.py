@@ -78,6 +78,7 @@ from floebmi.vorticity import Vorticity
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
+SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
 STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
@@ -115,10 +116,35 @@ class Fluid:
         self.coriolis = zeros() if coriolis else None
         self.impulse_x, self.impulse_y = zeros(), zeros()
         self.last_x, self.last_y = zeros(), zeros()
-        self.magnitude, self.coefficient = (zeros(), zeros()) if ocean else (None, None)
+        self._sizes = (zeros(), zeros()) if ocean else (None, None)
+        self._given: tuple | None = None  # what they are made of, when somebody asks for them
         self.undelivered = np.zeros(2)
         self.layer_thickness: float | None = None
         self._curl: Vorticity | None = None
+
+    @property
+    def magnitude(self) -> np.ndarray | None:
+        return self._sizes_of_drag()[0]
+
+    @property
+    def coefficient(self) -> np.ndarray | None:
+        return self._sizes_of_drag()[1]
+
+    def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Magnitude and coefficient, found once somebody asks: few hosts do."""
+        if self._given is not None:
+            sizes_of_drag(*self._given, self.grid.area, *self._sizes)
+            self._given = None
+        return self._sizes
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that lasts, by name."""
+        names = (
+            "u", "v", "tilt_x", "tilt_y", "coriolis", "impulse_x", "impulse_y", "last_x", "last_y",
+            "magnitude", "coefficient", "undelivered",
+        )  # fmt: skip
+        found = {name: getattr(self, name) for name in names}
+        return {name: values for name, values in found.items() if values is not None}
 
     def vorticity(self) -> np.ndarray:
         """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
@@ -531,16 +557,15 @@ class Model:
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
-            fluid, f = self._fluid_of(force), self.floes
+            fluid = self._fluid_of(force)
             w = weights[id(fluid.grid)]
             rows, impulse = (w.start, w.cell, w.weight), (at[X, :known], at[Y, :known])
             give_back(*rows, *impulse, fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y)
-            if fluid.magnitude is not None:
-                mass = np.where(f.active, f.mass(self.ice_density), 0.0)
-                sizes_of_drag(
-                    *rows, *impulse, at[FLUID_U], at[FLUID_V], f.u, f.v, at[RATE], mass, fluid.grid.area,
-                    fluid.magnitude, fluid.coefficient,
-                )  # fmt: skip
+            if isinstance(force, OceanDrag):
+                left = self._state.kept.floes
+                mass = np.where(left.active, left.mass(self.ice_density), 0.0)
+                moving = at[FLUID_U], at[FLUID_V], left.u, left.v, at[RATE], mass
+                fluid._given = (*rows, *impulse, *moving)
             lost = np.flatnonzero(without_cell(w))
             for axis, values in enumerate((at[X], at[Y])):
                 fluid.undelivered[axis] -= values[lost].sum()
@@ -686,8 +711,9 @@ class Model:
                     PER_ICE_AREA, (self.ocean.last_x, self.ocean.last_y), strict=True
                 ):
                     product(name, last, mean)
-            product("ocean_stress_magnitude", self.ocean.magnitude, over)
-            product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
+            if out is None or any(name in out for name in SIZES_OF_DRAG):
+                product("ocean_stress_magnitude", self.ocean.magnitude, over)
+                product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields
 
     # ---- restart -----------------------------------------------------------------------------------
@@ -727,9 +753,8 @@ class Model:
                 state[name] = getattr(s, name).copy()
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
-                for name, values in vars(fluid).items():
-                    if isinstance(values, np.ndarray):
-                        state[f"{what}_{name}"] = values.copy()
+                for name, values in fluid.arrays().items():
+                    state[f"{what}_{name}"] = values.copy()
         return state | s.ledger.state()
 
     def restore(self, state: dict[str, object]) -> None:
@@ -805,9 +830,8 @@ class Model:
         s.ledger.restore(state)
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
-                for name, values in vars(fluid).items():
-                    if isinstance(values, np.ndarray):
-                        values[:] = state[f"{what}_{name}"]
+                for name, values in fluid.arrays().items():
+                    values[:] = state[f"{what}_{name}"]
         listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
         if len(listed.way):
             self._advance().list_again(listed)

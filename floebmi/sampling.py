@@ -27,8 +27,9 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
-from floebmi.grid import Grid, bin_of, blocks, column
+from floebmi.grid import Grid, bin_of, column
 from floebmi.kernels import jit
+from floebmi.quantities import all_finite
 
 Period = tuple[float | None, float | None]
 
@@ -227,11 +228,12 @@ def check_floes(
     except ValueError:
         shapes = ", ".join(str(np.shape(values)) for values in (x, y, radius))
         raise InputError(f"floes: x, y, radius are {shapes}: must be one shape (n,)") from None
-    x, y, radius = (np.array(values, np.float64, order="C") for values in arrays)
+    x, y, radius = (np.ascontiguousarray(values, np.float64) for values in arrays)
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
     for name, values in (("x", x), ("y", y), ("radius", radius)):
-        for k in np.flatnonzero(~np.isfinite(values)):
+        if not all_finite(values):
+            k = int(np.flatnonzero(~np.isfinite(values))[0])
             raise InputError(f"floe {k}: {name} = {values[k]}: must be finite")
     for k in np.flatnonzero(radius <= 0):
         raise InputError(f"floe {k}: radius = {radius[k]}: must be greater than 0")
@@ -257,16 +259,32 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
     return float(period[0] or 0.0), float(period[1] or 0.0)
 
 
-def _repeats(
-    low: float, high: float, reach: np.ndarray | float, x: np.ndarray, length: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """First multiple of the period that brings what reaches so far to low … high, and how many."""
-    if length == 0:
-        meets = (x + reach >= low) & (x - reach <= high)
-        return np.zeros(x.size, np.int64), meets.astype(np.int64)
-    first = np.ceil((low - reach - x) / length).astype(np.int64)
-    last = np.floor((high + reach - x) / length).astype(np.int64)
-    return first, np.maximum(last - first + 1, 0)
+@jit
+def _repeats(x, reach, low, high, length):
+    """First and last multiple of the period that bring what reaches so far to low … high."""
+    if x - reach > low and x + reach < high:
+        return 0, 0
+    if length == 0.0:
+        return 0, 0 if x + reach >= low and x - reach <= high else -1
+    return math.ceil((low - reach - x) / length), math.floor((high + reach - x) / length)
+
+
+@jit
+def _images(x, y, reach_x, reach_y, bounds, length_x, length_y, start, thing, image_x, image_y):
+    """Fill rows of images; returns how many there are, also if the arrays were too short."""
+    west, east, south, north = bounds
+    m = 0
+    for k in range(x.size):
+        first_x, last_x = _repeats(x[k], reach_x[k], west, east, length_x)
+        first_y, last_y = _repeats(y[k], reach_y[k], south, north, length_y)
+        for along_y in range(first_y, last_y + 1):
+            for along_x in range(first_x, last_x + 1):
+                if m < thing.size:
+                    thing[m] = k
+                    image_x[m], image_y[m] = x[k] + along_x * length_x, y[k] + along_y * length_y
+                m += 1
+        start[k + 1] = m
+    return m
 
 
 def images(
@@ -285,22 +303,17 @@ def images(
     without periods, itself or none
     """
     length_x, length_y = check_period(grid, period)
-    west, east, south, north = grid.bounds
-    within = (x - reach_x > west) & (x + reach_x < east)
-    within &= (y - reach_y > south) & (y + reach_y < north)
-    rim = np.flatnonzero(~within)  # all others have one image, themselves
-    reach_x, reach_y = (np.broadcast_to(reach, x.shape)[rim] for reach in (reach_x, reach_y))
-    first_x, count_x = _repeats(west, east, reach_x, x[rim], length_x)
-    first_y, count_y = _repeats(south, north, reach_y, y[rim], length_y)
-    _, _, along_x, along_y = blocks(first_x, count_x, first_y, count_y)
-    count = np.ones(x.size, np.int64)
-    count[rim] = count_x * count_y
-    start, thing = np.concatenate([[0], np.cumsum(count)]), np.repeat(np.arange(x.size), count)
-    image_x, image_y = x[thing], y[thing]
-    of_rim = np.flatnonzero(~within[thing])
-    image_x[of_rim] += along_x * length_x
-    image_y[of_rim] += along_y * length_y
-    return start, thing, image_x, image_y
+    reach_x, reach_y = (
+        np.ascontiguousarray(np.broadcast_to(reach, x.shape), np.float64)
+        for reach in (reach_x, reach_y)
+    )
+    room, start = x.size + x.size // 4 + 16, np.zeros(x.size + 1, np.int64)
+    while True:
+        filled = np.empty(room, np.int64), np.empty(room), np.empty(room)
+        room = _images(x, y, reach_x, reach_y, grid.bounds, length_x, length_y, start, *filled)
+        if room <= len(filled[0]):
+            thing, image_x, image_y = filled
+            return start, thing[:room], image_x[:room], image_y[:room]
 
 
 def coverage(
@@ -326,8 +339,12 @@ def coverage(
         for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
     """
     x, y, radius = check_floes(x, y, radius)
-    number = np.arange(x.size) if of is None else np.flatnonzero(of)
-    x, y, radius, n = x[number], y[number], radius[number], x.size
+    n = x.size
+    if of is None or of.all():
+        number = np.arange(n)
+    else:
+        number = np.flatnonzero(of)
+        x, y, radius = x[number], y[number], radius[number]
     image, floe, x, y = images(grid, x, y, radius, radius, period)
     ends, inside = np.zeros(x.size + 1, np.int64), np.empty(x.size)
     room = np.empty(12 * x.size, np.int64), np.empty(12 * x.size)
