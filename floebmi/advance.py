@@ -539,7 +539,8 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.sqrt(floes.u**2 + floes.v**2)
+        with np.errstate(over="ignore"):
+            speed = np.sqrt(floes.u**2 + floes.v**2)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         moving = speed, floes.x, floes.y
         moving += () if self.packed.spinning is None else (floes.omega, self.packed.angle)
