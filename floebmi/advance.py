@@ -434,7 +434,7 @@ class Advance:
         """The step that the scene asks for [s]; inf where nothing limits it."""
         if self.step.length is not None:
             return self.step.length
-        if self.contact is not None and self.step.epsilon is not None and len(self.floes):
+        if self.contact is not None and self.step.epsilon is not None:
             return paper_step(self.floes, self.contact, self.density, self.step.epsilon)
         return stable_step(self.stiffest, self.step)
 

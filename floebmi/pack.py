@@ -297,8 +297,10 @@ def stable_step(stiffest: Stiffest, step: Step) -> float:
 
 
 def paper_step(floes: Floes, contact: Contact, density: float, epsilon: float) -> float:
-    """Eq. 4: Δt = ε √(m_min/k_max), k = E h."""
+    """Eq. 4: Δt = ε √(m_min/k_max), k = E h; inf without ice."""
     ice = floes.active & ~floes.land
+    if not ice.any():
+        return np.inf
     k_max = contact.elastic.youngs_modulus * floes.thickness[ice].max()
     return epsilon * float(np.sqrt(floes.mass(density)[ice].min() / k_max))
 

@@ -179,6 +179,12 @@ def test_a_failed_exchange_leaves_the_list_as_it_was(monkeypatch):
     assert same(go_on(model, 3), go_on(second, 3)) == []
 
 
+def test_the_scheme_of_the_paper_goes_on_without_ice():
+    model = jostle(step=Step(scheme="taylor3", epsilon=0.07))
+    model.floes.active[:] = False
+    assert go_on(model, 2).longest_step() == np.inf and model.time == pytest.approx(0.02)
+
+
 def test_looking_at_contacts_lists_no_neighbours_and_changes_nothing():
     model, blind = amid(), amid()
     lists = model.counters.rebuilds
