@@ -155,9 +155,7 @@ def main() -> None:
         spent = seconds(model.advance, duration, repeats=3) / steps
         now, moved = model._now(), bytes_of_a_step(model)
         touch = seconds(contact_forces(now, model.step.length))
-        renewal = seconds(
-            now._list, model._state.memory, None, np.arange(len(model.floes)), repeats=3
-        )
+        renewal = seconds(now._list_anew, model._state.memory, repeats=3)
         each = 1e9 / len(model.floes)
         print(
             f"{n} floes: {each * spent:.1f} ns a floe-step, {each * touch:.1f} of them contact forces; "

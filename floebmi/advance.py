@@ -1,7 +1,7 @@
 """From one exchange to the next: pack, list neighbours, step, and again until the time is reached.
 
-What happens here is a function of the state alone: floes, what contacts remember, walls.  So a run that
-stops and restarts at an exchange goes on with the same bits.
+What happens here is a function of the state alone: floes, what contacts remember, walls, and where the list of
+neighbours was made (kept.py).  So a run that stops and restarts at an exchange goes on with the same bits.
 """
 
 from collections.abc import Sequence
@@ -37,31 +37,34 @@ from floebmi.forces import (
     speed_bound,
     without_fluid,
 )
+from floebmi.kept import Kept, Marks, Memory
 from floebmi.kernels import BLOCK
 from floebmi.pack import (
+    Packed,
     Stiffest,
     deepest,
+    in_space,
     list_pairs,
     look,
     pack,
     paper_step,
-    remembered,
+    places,
     stable_step,
     stiffest,
     strayed,
     unpack,
     widest_gap,
 )
-from floebmi.pairs import PairList, narrow, near_of, settle
+from floebmi.pairs import narrow, near_of, settle
 from floebmi.quantities import all_finite
 from floebmi.threads import verlet as verlet_in_threads
-from floebmi.tiles import Tiles
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
 CLOSING = 0.3
 WIDEST = 6.0  # how much wider than that the list of pairs may be
 NEAR = 0.1  # the skin of the short list, of the same
+NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
 
 
 @dataclass
@@ -82,20 +85,21 @@ class State:
     """What an advance starts from and leaves behind, besides the floes."""
 
     walls: np.ndarray
-    memory: PairList
+    memory: Memory
     previous: np.ndarray | None  # see `pack`
     remainder: np.ndarray | None  # what rounding took from places far from (0, 0), (n, 2) [m]
     rng: np.random.Generator
     feeders: tuple[Feeder, ...] = ()
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
+    kept: Kept | None = None  # the list whose slots the memory is in
 
     def copy(self) -> "State":
         """The same, to go back to; what is never changed in place is shared."""
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, deepcopy(self.rng),
-            tuple(map(copy, self.feeders)), self.ledger.copy(), copy(self.counters),
+            tuple(map(copy, self.feeders)), self.ledger.copy(), copy(self.counters), self.kept,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
@@ -103,15 +107,17 @@ class State:
         self.walls[:] = earlier.walls
         self.memory, self.rng, self.feeders = earlier.memory, earlier.rng, earlier.feeders
         self.previous, self.remainder = earlier.previous, earlier.remainder
+        self.kept = earlier.kept
         vars(self.ledger).update(vars(earlier.ledger))
         vars(self.counters).update(vars(earlier.counters))
 
-    def extend(self, count: int) -> None:
-        """Room for `count` new floes in what is kept per floe outside of `Floes`."""
+    def fit(self, floes: int) -> None:
+        """Room for new floes in what is kept per floe outside of `Floes`: so many there are now."""
         for name in ("previous", "remainder"):
             rows = getattr(self, name)
-            if rows is not None:
-                setattr(self, name, np.vstack([rows, np.zeros((count, rows.shape[1]))]))
+            if rows is not None and len(rows) < floes:
+                more = np.zeros((floes - len(rows), rows.shape[1]))
+                setattr(self, name, np.vstack([rows, more]))
 
 
 class Advance:
@@ -119,6 +125,9 @@ class Advance:
 
     `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
     the work.
+
+    The list holds all pairs that may touch before a floe has strayed half of `skin`; the step is found from those
+    that may before one has strayed half of `closing` [m].
     """
 
     def __init__(
@@ -151,30 +160,90 @@ class Advance:
 
     # ---- packing and the list ----------------------------------------------------------------------
 
-    def look(self) -> None:
-        """Pack the floes, list their neighbours, and find the forces they begin with."""
-        self._list(self.state.memory, None, np.arange(len(self.floes)))
+    def look(self, kept: Kept | None) -> None:
+        """Pack the floes, with a list that was kept or a fresh one, and find the forces they begin with."""
+        if kept is None:
+            self._list_anew(self.state.memory)
+        else:
+            self._go_on(kept)
+        self._touch()
 
-    def _list(self, old: PairList, old_tiles: Tiles | None, old_place: np.ndarray) -> None:
-        self.packed = pack(
-            self.floes, self.density, self.state.previous, self.domain.origin, self.state.remainder
+    def _list_anew(self, old: Memory) -> None:
+        """Pack the floes, and list their neighbours where they are now."""
+        self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
+        self._list(self.packed, self.state.walls.position.copy(), old)
+        self.fresh = True
+        self.room = self._half_skin()
+        self._stiffest: Stiffest | None = None
+        self._mark(self.packed.first_x, self.packed.first_y)
+
+    def _go_on(self, kept: Kept) -> None:
+        """Pack the floes in the order of a list that holds for them."""
+        pairs, number, _ = self.state.memory
+        self.packed = self._pack(
+            number, *places(self.floes, number, self.domain.origin, self.state.remainder)
         )
-        radius = self.packed.floes.r[~self.packed.land]
+        self.list_x, self.list_y, self.list_walls = kept.x, kept.y, kept.walls
+        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.tiles
+        self.pairs = pairs.copy()
+        self._room_for_near()
+        self._meet_walls(kept.wall_floe, kept.wall_number)
+        self.fresh = False
+        self.room, self._stiffest = kept.room, kept.stiffest
+        self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
+        if self._stiffest is None:  # it will be found for where the floes are now
+            self._mark_anew()
+
+    def list_again(self, marks: Marks) -> None:
+        """Make the list of a restart file anew, and keep it for floes as they are now."""
+        number, x, y, walls, (room, travelled), stiffest = marks
+        self.packed = self._pack(number, x, y)
+        self._list(self.packed, walls, self.state.memory)
+        self.room, self.travelled, self._stiffest = float(room), float(travelled), None
+        if len(stiffest):
+            omega2, floe, damping = stiffest
+            self._stiffest = Stiffest(float(omega2), int(floe), float(damping))
+        self._keep()
+
+    def _pack(self, number: np.ndarray, x: np.ndarray, y: np.ndarray) -> Packed:
+        state = self.state
+        return pack(self.floes, number, x, y, self.density, state.previous, self.domain.origin)
+
+    def _list(self, at: Packed, walls: np.ndarray, old: Memory) -> None:
+        """List the pairs of floes packed where they are or were, and floes near walls likewise."""
+        radius = at.floes.r[~at.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         # wider where sizes differ much: then few pairs are close, and a list costs more than a step
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
         self.skin = self.closing * min(max(1.0, octaves), WIDEST)
+        place = np.full(len(self.floes), -1)
+        place[old.number] = np.arange(len(old.number))
         self.pairs, self.tiles = list_pairs(
-            self.packed, self.contact, self.period, self.skin, old, old_tiles, old_place
+            at, self.contact, self.period, self.skin, old.pairs, old.seam, place
         )
+        self._room_for_near()
+        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
+        self._meet_walls(*self._near_walls(at, walls))
+
+    def _room_for_near(self) -> None:
+        """A short list, empty as yet."""
         self.lists = Lists(
             *near_of(self.pairs, self.tiles.parts), self.tiles,
             widest_gap(self.packed, self.contact), NEAR * self.closing,
         )  # fmt: skip
-        self._list_walls()
-        self._touch()
-        self._stiffest: Stiffest | None = None
+
+    def memory(self) -> Memory:
+        """What the pairs remember now."""
+        return Memory(self.pairs, self.packed.number, self.tiles.seam)
+
+    def _keep(self) -> None:
+        """Leave the list to the next exchange, with what its pairs remember; nothing may change them now."""
+        self.state.memory = self.memory()
+        self.state.kept = Kept(
+            self.list_x, self.list_y, self.list_walls, self.tiles, self.walls.floe, self.walls.number,
+            self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
+        )  # fmt: skip
 
     @property
     def stiffest(self) -> Stiffest:
@@ -192,41 +261,50 @@ class Advance:
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.here = tuple(by_block(at.take(self.packed.number, axis=1)) for at in self.at)
-        self.state.counters.rebuilds += 1
-        self.room = self._half_skin()
-        self._mark(self.packed.first_x, self.packed.first_y)
+        self.here = tuple(by_block(at, self.packed.number) for at in self.at)
+        self.state.counters.rebuilds += self.fresh
 
-    def _mark(self, x: np.ndarray, y: np.ndarray) -> None:
-        """From where on floes and walls stray: no more than they have room for until the list is stale."""
-        self.marked = x, y, self.state.walls.position.copy()
-        self.travelled = 0.0
+    def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
+        """From where on floes and walls stray: no more than they have room for until the list is stale.
+
+        travelled : how far they had strayed before, in earlier exchanges [m]
+        """
+        self.marked = x, y, self.state.walls.position.copy(), travelled
+        self.travelled = travelled
+
+    def _mark_anew(self) -> None:
+        """The way up to here takes from the room that is left; from here on another is counted."""
+        self.room -= self.travelled
+        self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
 
     def _strayed(self) -> float:
-        x, y, walls = self.marked
+        """At most so far apart may floes be from where they were marked, by a sum over exchanges."""
+        x, y, walls, before = self.marked
         apart = np.abs(self.state.walls.position - walls).max(initial=0.0)
-        return max(strayed(self.packed.floes, x, y, self.still), float(apart))
+        return before + max(strayed(self.packed.floes, x, y, self.still), float(apart))
 
     def _stray_on(self) -> bool:
         """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
         if self.room - self.travelled <= 0.5 * self.closing:
             return False
-        self.room -= self.travelled
-        self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
+        self._mark_anew()
         self._stiffest = None
         return True
 
-    def _list_walls(self) -> None:
-        records, floes, numbers = self.packed.floes, [], []
+    def _near_walls(self, at: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Packed floes that may touch walls in these positions, and which."""
+        records, floes, numbers = at.floes, [], []
         if self.contact is not None:
             near = records.r + self.skin
-            for w, wall in enumerate(self.state.walls):
+            for w, (wall, position) in enumerate(zip(self.state.walls, positions, strict=True)):
                 across = records.x if wall.axis == 0 else records.y
-                close = np.flatnonzero(wall.side * (across - wall.position) < near)
+                close = np.flatnonzero(wall.side * (across - position) < near)
                 floes.append(close)
                 numbers.append(np.full(len(close), w))
         nothing = [np.zeros(0, np.int64)]
-        floe, number = np.concatenate(floes or nothing), np.concatenate(numbers or nothing)
+        return np.concatenate(floes or nothing), np.concatenate(numbers or nothing)
+
+    def _meet_walls(self, floe: np.ndarray, number: np.ndarray) -> None:
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
         self.walls = Walls(
             self.state.walls if len(self.state.walls) else None, floe, number,
@@ -258,33 +336,40 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            booked = by_row(here, len(self.packed.number))[BOOKED]
-            for row, new in zip(at[BOOKED], booked, strict=True):  # faster than all at once
-                row[self.packed.number] = new
+            for row, new in zip(
+                at[BOOKED], by_row(here)[BOOKED], strict=True
+            ):  # faster than at once
+                row[self.packed.number] = new.ravel()[: len(self.packed.number)]
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
         self._unpack()
         self._wrap()
-        self.state.memory = remembered(self.packed, self.pairs, len(self.floes))
+        self._keep()
         self._book()
 
     def _renew(self) -> None:
-        """A fresh list: floes that left are dropped, those beyond a seam wrapped, new ones added."""
+        """A fresh list, of floes within the domain."""
         self._unpack()
-        old, old_tiles, old_place = self.pairs, self.tiles, np.full(len(self.floes), -1)
-        old_place[self.packed.number] = np.arange(len(self.packed.number))
         self._wrap()
+        leaving, new = self._come_and_go()
+        self._list_with(leaving, new)
+
+    def _come_and_go(self) -> tuple[np.ndarray, np.ndarray]:
+        """Floes beyond an inactive edge become inactive, and feeders add new ones: the numbers of both."""
         leaving = self._leaving()
-        elastic = self.elastic_energy() if len(leaving) else 0.0
         self.floes.active[leaving] = False
         added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
-        new = np.concatenate(added) if added else np.empty(0, np.int64)
+        return leaving, np.concatenate(added) if added else np.empty(0, np.int64)
+
+    def _list_with(self, leaving: np.ndarray, new: np.ndarray) -> None:
+        """List anew without floes that have left, and with new ones."""
+        elastic = self.elastic_energy() if len(leaving) else 0.0
         if len(new):
-            old_place = np.concatenate([old_place, np.full(len(new), -1)])
             self._grow(len(new))
             draw_own(self.floes, self.contact, self.state.rng)
-        self._list(old, old_tiles, old_place)
+        self._list_anew(self.memory())
+        self._touch()
         self._begin()
         if len(leaving):
             self._change_anew()
@@ -332,7 +417,7 @@ class Advance:
 
     def _grow(self, count: int) -> None:
         """Room for new floes in what is kept per floe outside of `Floes`."""
-        self.state.extend(count)
+        self.state.fit(len(self.floes))
         new = slice(len(self.floes) - count, None)
         radius, thickness = self.floes.radius[new], self.floes.thickness[new]
         for k, force in enumerate(self.forces):
@@ -360,13 +445,14 @@ class Advance:
         """
         self.at, self.time = list(at), time
         self._begin()
-        if len(self._leaving()) or self.state.feeders:
-            self._renew()
+        leaving, new = self._come_and_go()
+        if len(leaving) or len(new):
+            self._list_with(leaving, new)
         done = 0.0
         while done < duration:
-            done = self._some_steps(done, duration)
-            if done < duration and not self._stray_on():
+            if self.travelled > NEARLY * self._reach() and not self._stray_on():
                 self._renew()
+            done = self._some_steps(done, duration)
         self.finish()
 
     def _some_steps(self, done: float, duration: float) -> float:
@@ -381,14 +467,13 @@ class Advance:
         taken = 0
         substeps = self._substeps(self.step.drag_every * dt)
         while taken < steps:
-            n, self.travelled = self._kernel(dt, steps - taken, substeps)
+            n = self._kernel(dt, steps - taken, substeps)
             taken += n
             self._count(n, dt)
             self._check(dt, done + taken * dt)
-            if taken < steps:
-                self.travelled = self._strayed()
-                if self.travelled > 0.7 * self._reach():
-                    break
+            self.travelled = self._strayed()
+            if self.travelled > NEARLY * self._reach():
+                break
         reached = done + taken * dt
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
 
@@ -413,30 +498,31 @@ class Advance:
             return np.ones(n // BLOCK + 1, np.int64)
         speed = float(np.sqrt((p.floes.u**2 + p.floes.v**2).max()))
         spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
-        here = [by_row(at, n) for at in self.here]
+        here = [by_row(at) for at in self.here]
         speed = speed_bound(self.forces, here, speed)
-        rate = np.zeros(n)
+        rate = np.zeros(here[0].shape[1:])
         for force, at in zip(self.forces, here, strict=True):
             rate += fastest_rate(force, at, speed, spin)
-        held = (p.inverse_x == 0.0) & (p.inverse_y == 0.0)
+        held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
         if p.inverse_spin is not None:
-            held &= p.inverse_spin == 0.0
-        rate[held] = 0.0
-        fastest = np.maximum.reduceat(rate, np.arange(0, n, BLOCK))
-        return np.maximum(1, np.ceil(fastest * dt / DRAG_RESOLUTION)).astype(np.int64)
+            held = held[p.inverse_spin[held] == 0.0]
+        rate.flat[held] = 0.0
+        rate.flat[n:] = 0.0
+        return np.maximum(1, np.ceil(rate.max(axis=1) * dt / DRAG_RESOLUTION)).astype(np.int64)
 
-    def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> tuple[int, float]:
+    def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> int:
+        """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
         floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
         reach = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
+            done, _ = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
         else:
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
-                done = verlet(*floes, *rest, self.buffers)
+                done, _ = verlet(*floes, *rest, self.buffers)
             else:
-                done = verlet_in_threads(self.threads, *floes, *rest)
+                done, _ = verlet_in_threads(self.threads, *floes, *rest)
         self._close(books)
         return done
 
@@ -453,10 +539,13 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        speed = np.hypot(floes.u, floes.v)
+        with np.errstate(over="ignore"):
+            speed = np.sqrt(floes.u**2 + floes.v**2)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
-        if not (all_finite(speed) and all_finite(floes.x) and all_finite(floes.y)):
-            wild = ~(np.isfinite(speed) & np.isfinite(floes.x) & np.isfinite(floes.y))
+        moving = speed, floes.x, floes.y
+        moving += () if self.packed.spinning is None else (floes.omega, self.packed.angle)
+        if not all(map(all_finite, moving)):
+            wild = ~np.isfinite(moving).all(axis=0)
             floe = self.packed.number[np.argmax(wild)]
             raise StabilityError(
                 f"floe {floe}: position or velocity is no longer finite {at}; "
@@ -490,8 +579,10 @@ class Advance:
     def elastic_energy(self) -> float:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
-        rows = look(self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs)
-        energy = float(rows[:, 9].sum())
+        _, rows = look(
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
+        )
+        energy = float(rows[:, -1].sum())
         for w, wall in enumerate(walls):
             near = p.floes[self.walls.floe[self.walls.number == w]]
             gap = wall.side * ((near.x if wall.axis == 0 else near.y) - wall.position) - near.r

@@ -5,7 +5,7 @@ between advances they may be read and edited like any other array (`floes.u[3] =
 leaves the domain keeps its number and becomes inactive; new floes are added behind the last one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -270,6 +270,21 @@ class Floes:
         _motion_bits(self.motion)
         for name in self._columns:
             _check(name, getattr(self, name), 0)
+
+    def same(self, other: "Floes", names: Iterable[str] | None = None) -> bool:
+        """Whether others have the same numbers and values.
+
+        names : of the properties that are compared, where there are such; default: all
+        """
+        if other is self:
+            return True
+        mine = self._columns.keys()
+        shared = mine & (mine if names is None else set(names))
+        return (
+            len(self) == len(other)
+            and mine == other._columns.keys()
+            and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in shared)
+        )
 
     def copy(self) -> "Floes":
         """Floes with the same numbers and values that share nothing with these."""

@@ -320,20 +320,21 @@ D_U, D_V, D_OMEGA, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, ALPHA, SLOPE, IMPULSE, TWIS
 FORCE_BUFFER = 16 * BLOCK
 
 
-def by_block(at: np.ndarray) -> np.ndarray:
-    """A table (rows, n) as kernels take it: a row for each block of floes, in it the rows of the table."""
-    rows, n = at.shape
-    blocks = np.zeros((-(-n // BLOCK), rows, BLOCK))
-    full = n // BLOCK
-    blocks[:full] = at[:, : full * BLOCK].reshape(rows, full, BLOCK).transpose(1, 0, 2)
-    blocks[full:, :, : n % BLOCK] = at[:, full * BLOCK :]
-    return blocks.reshape(len(blocks), rows * BLOCK)
+def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """A table as kernels take it: a row for each block of the floes of these numbers, in it the rows of the table.
+
+    The last floe fills up the last block.
+    """
+    n = len(number)
+    floes = number[np.minimum(np.arange(n + -n % BLOCK), n - 1)].reshape(-1, BLOCK)
+    blocks = np.empty((len(floes), len(at), BLOCK))
+    blocks[:] = at.take(floes, axis=1).transpose(1, 0, 2)
+    return blocks.reshape(len(floes), len(at) * BLOCK)
 
 
-def by_row(blocks: np.ndarray, n: int) -> np.ndarray:
-    """The table (rows, n) again."""
-    rows = blocks.shape[1] // BLOCK
-    return blocks.reshape(-1, rows, BLOCK).transpose(1, 0, 2).reshape(rows, -1)[:, :n]
+def by_row(blocks: np.ndarray) -> np.ndarray:
+    """The table again, a view of shape (rows, blocks, BLOCK)."""
+    return blocks.reshape(len(blocks), blocks.shape[1] // BLOCK, BLOCK).transpose(1, 0, 2)
 
 
 def for_each(body: Callable) -> Callable:

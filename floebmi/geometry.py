@@ -123,13 +123,11 @@ def disc_west(x, r):
 @jit
 def disc_south_west(x, y, west, south, r):
     """Area of the disc about O south-west of the corner (x, y), from H of its lines [m²]."""
-    if x * x + y * y < r * r:
-        return x * y + 0.5 * (west + south) - 0.25 * math.pi * r * r
-    if x > 0.0 and y > 0.0:
-        return west + south - math.pi * r * r
-    if x <= 0.0 and y <= 0.0:
-        return 0.0
-    return west if x <= 0.0 else south
+    full = math.pi * r * r  # all cases are computed: which it is cannot be foreseen
+    inside = x * y + 0.5 * (west + south) - 0.25 * full
+    beyond = west + south - full if (x > 0.0) & (y > 0.0) else min(west, south)
+    beyond = 0.0 if (x <= 0.0) & (y <= 0.0) else beyond
+    return inside if x * x + y * y < r * r else beyond
 
 
 @jit

@@ -109,20 +109,24 @@ def give_back(
 
 @jit
 def sizes_of_drag(
-    start, cell, weight, impulse_x, impulse_y, coefficient, cell_area, magnitude, slope
-):
-    """Fill magnitude and slope with Σ |impulse| [N s/m²] and Σ coefficient [kg m-2 s-1] per cell area.
+    start, cell, weight, impulse_x, impulse_y, fluid_u, fluid_v, u, v, rate, mass, cell_area, magnitude,
+    slope,
+):  # fmt: skip
+    """Fill magnitude and slope with Σ |impulse| [N s/m²] and Σ K |Δu| [kg m-2 s-1] per cell area.
 
-    coefficient : of each floe [kg/s]; the others as for `give_back`
+    fluid_u, fluid_v, u, v : velocities of the fluid and of each floe [m/s]
+    rate, mass : K/m [1/m] and m [kg] of each floe; the others as for `give_back`
     """
     for c in range(cell_area.size):
         magnitude[c] = slope[c] = 0.0
     for k in range(start.size - 1):
         size = np.sqrt(impulse_x[k] * impulse_x[k] + impulse_y[k] * impulse_y[k])
+        du, dv = fluid_u[k] - u[k], fluid_v[k] - v[k]
+        coefficient = np.sqrt(du * du + dv * dv) * rate[k] * mass[k]
         for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
             c, w = np.uintp(cell[e]), weight[e]
             magnitude[c] += w * size
-            slope[c] += w * coefficient[k]
+            slope[c] += w * coefficient
     for c in range(cell_area.size):
         magnitude[c] /= cell_area[c]
         slope[c] /= cell_area[c]

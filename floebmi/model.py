@@ -59,8 +59,9 @@ from floebmi.gridding import (
     pressure,
     sizes_of_drag,
 )
+from floebmi.kept import Kept, Marks, Memory, marks
 from floebmi.overlaps import overlapping
-from floebmi.pack import Contacts, look, remembered
+from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import all_finite, check, words
 from floebmi.sampling import (
@@ -68,7 +69,6 @@ from floebmi.sampling import (
     Weights,
     coverage,
     floe_weights,
-    gather,
     gather_each,
     shares,
     without_cell,
@@ -78,6 +78,7 @@ from floebmi.vorticity import Vorticity
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
+SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
 STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
@@ -115,10 +116,35 @@ class Fluid:
         self.coriolis = zeros() if coriolis else None
         self.impulse_x, self.impulse_y = zeros(), zeros()
         self.last_x, self.last_y = zeros(), zeros()
-        self.magnitude, self.coefficient = (zeros(), zeros()) if ocean else (None, None)
+        self._sizes = (zeros(), zeros()) if ocean else (None, None)
+        self._given: tuple | None = None  # what they are made of, when somebody asks for them
         self.undelivered = np.zeros(2)
         self.layer_thickness: float | None = None
         self._curl: Vorticity | None = None
+
+    @property
+    def magnitude(self) -> np.ndarray | None:
+        return self._sizes_of_drag()[0]
+
+    @property
+    def coefficient(self) -> np.ndarray | None:
+        return self._sizes_of_drag()[1]
+
+    def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Magnitude and coefficient, found once somebody asks: few hosts do."""
+        if self._given is not None:
+            sizes_of_drag(*self._given, self.grid.area, *self._sizes)
+            self._given = None
+        return self._sizes
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that lasts, by name."""
+        names = (
+            "u", "v", "tilt_x", "tilt_y", "coriolis", "impulse_x", "impulse_y", "last_x", "last_y",
+            "magnitude", "coefficient", "undelivered",
+        )  # fmt: skip
+        found = {name: getattr(self, name) for name in names}
+        return {name: values for name, values in found.items() if values is not None}
 
     def vorticity(self) -> np.ndarray:
         """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
@@ -130,14 +156,14 @@ class Fluid:
 class _Seen:
     """What was found out about the floes as they are at one moment; each thing once.
 
-    floes : a copy, to know whether they are still so
+    floes : a copy of them then, to know whether they are still so
     list : the floes packed, with their neighbours and contact forces
     contacts : the pairs that push or hold each other
     areas, weights : by the id of a grid
     """
 
     def __init__(self, floes: Floes) -> None:
-        self.floes = floes.copy()
+        self.floes = floes
         self.list: Advance | None = None
         self.contacts: Contacts | None = None
         self.areas: dict[int, Coverage] = {}
@@ -220,7 +246,7 @@ class Model:
         self._refuse_overlaps()
         self._state = State(
             records,
-            self._nothing_remembered(),
+            Memory(self._nothing_remembered(), np.arange(len(floes))),
             None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
             None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
             rng,
@@ -228,13 +254,13 @@ class Model:
         )
         self._last_duration = 0.0
         self._warned_of_lag = False
-        self._seen = _Seen(floes)
+        self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
-        self._at = self._allocate()
+        self._at = self._tables = self._allocate()
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
-        self._state.memory = remembered(now.packed, now.pairs, len(floes))
+        self._state.memory = now.memory()
         self._seen.list = None
 
     # ---- checks ------------------------------------------------------------------------------------
@@ -323,8 +349,8 @@ class Model:
     def _look(self) -> _Seen:
         """What is known about the floes as they are now; forgotten when they change."""
         draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
-        if not _same(self._seen.floes, self.floes):
-            self._seen = _Seen(self.floes)
+        if not self._seen.floes.same(self.floes):
+            self._seen = _Seen(self.floes.copy())
         return self._seen
 
     def _now(self, seen: _Seen | None = None) -> Advance:
@@ -334,24 +360,21 @@ class Model:
         """
         seen = seen or self._look()
         if seen.list is None:
-            self._fit_memory()
-            advance = Advance(
-                self.floes, self._state, self.domain, self.contact, self.forces, self.step,
-                self.ice_density, self.draft_fraction, self.threads,
-            )  # fmt: skip
-            advance.look()
-            seen.list = advance
+            self._state.fit(len(self.floes))
+            seen.list = self._advance()
+            seen.list.look(self._kept(seen))
         return seen.list
 
-    def _fit_memory(self) -> None:
-        """Floes that somebody added remember nothing."""
-        state, n = self._state, len(self.floes)
-        missing = n + 1 - len(state.memory.start)
-        if missing > 0:
-            start = state.memory.start
-            more = np.append(start, np.full(missing, start[-1]))
-            state.memory = state.memory._replace(start=more)
-            state.extend(missing)
+    def _kept(self, seen: _Seen) -> Kept | None:
+        """The list of the last exchange, as far as it holds for the floes as they are now."""
+        kept = self._state.kept
+        return None if kept is None else kept.of(seen.floes)
+
+    def _advance(self) -> Advance:
+        return Advance(
+            self.floes, self._state, self.domain, self.contact, self.forces, self.step,
+            self.ice_density, self.draft_fraction, self.threads,
+        )  # fmt: skip
 
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
@@ -373,8 +396,10 @@ class Model:
             return
         self._check_fluids()
         seen = self._look()
-        self.floes.check()
-        self._at = self._allocate()
+        if seen is not self._left:
+            self.floes.check()
+            self._tables = self._allocate()
+        self._at = tuple(table.copy() for table in self._tables)
         weights = self._sample(seen)
         known = len(self.floes)
         advance = self._now(seen)
@@ -393,7 +418,9 @@ class Model:
             self._state.go_back(before)
             raise
         self._give_back(weights, known)
-        self._left = self._seen = _Seen(self.floes)
+        if len(self.floes) != known:
+            self._tables = self._allocate()
+        self._left = self._seen = _Seen(self._state.kept.floes)
         self.time += duration
         self._last_duration = duration
         self._warn_of_lag(duration)
@@ -488,28 +515,30 @@ class Model:
     def _sample(self, seen: _Seen) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
+        reads: dict[
+            int, list[tuple[np.ndarray, np.ndarray]]
+        ] = {}  # field and where it goes, by grid
         for force, at in zip(self.forces, self._at, strict=True):
             fluid = self._fluid_of(force)
             if fluid is None:
                 continue
             grid = id(fluid.grid)
             if grid not in weights:
-                weights[grid] = self._weights(seen, fluid.grid)
-            w = weights[grid]
+                weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
             if isinstance(force, CoriolisField):
-                gather(w, fluid.coriolis, out=at[PARAMETER])
+                reads[grid] += [(fluid.coriolis, at[PARAMETER])]
                 continue
             if isinstance(force, Tilt):
-                gather(w, fluid.tilt_x, out=at[FLUID_U])
-                gather(w, fluid.tilt_y, out=at[FLUID_V])
+                reads[grid] += [(fluid.tilt_x, at[FLUID_U]), (fluid.tilt_y, at[FLUID_V])]
                 continue
-            nowhere = without_cell(w)
+            reads[grid] += [(fluid.u, at[FLUID_U]), (fluid.v, at[FLUID_V])]
+            nowhere = without_cell(weights[grid])
             at[RATE, nowhere] = 0.0  # no water, no drag
-            fields, rows = (fluid.u, fluid.v), (at[FLUID_U], at[FLUID_V])
             if len(at) > SPIN_RATE:
-                fields, rows = (*fields, 0.5 * fluid.vorticity()), (*rows, at[HALF_CURL])
+                reads[grid] += [(0.5 * fluid.vorticity(), at[HALF_CURL])]
                 at[SPIN_RATE, nowhere] = 0.0
-            gather_each(w, fields, rows)
+        for grid, each in reads.items():
+            gather_each(weights[grid], *zip(*each, strict=True))
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -528,17 +557,15 @@ class Model:
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
-            fluid, f = self._fluid_of(force), self.floes
+            fluid = self._fluid_of(force)
             w = weights[id(fluid.grid)]
             rows, impulse = (w.start, w.cell, w.weight), (at[X, :known], at[Y, :known])
             give_back(*rows, *impulse, fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y)
-            if fluid.magnitude is not None:
-                speed = np.sqrt((at[FLUID_U] - f.u) ** 2 + (at[FLUID_V] - f.v) ** 2)
-                mass = np.where(f.active, f.mass(self.ice_density), 0.0)
-                slip = speed * at[RATE] * mass
-                sizes_of_drag(
-                    *rows, *impulse, slip[:known], fluid.grid.area, fluid.magnitude, fluid.coefficient
-                )  # fmt: skip
+            if isinstance(force, OceanDrag):
+                left = self._state.kept.floes
+                mass = np.where(left.active, left.mass(self.ice_density), 0.0)
+                moving = at[FLUID_U], at[FLUID_V], left.u, left.v, at[RATE], mass
+                fluid._given = (*rows, *impulse, *moving)
             lost = np.flatnonzero(without_cell(w))
             for axis, values in enumerate((at[X], at[Y])):
                 fluid.undelivered[axis] -= values[lost].sum()
@@ -598,12 +625,12 @@ class Model:
     def _contacts(self, now: Advance) -> Contacts:
         p, pairs = now.packed, now.pairs
         law = None if self.contact is None else prepare(self.contact)
-        rows = look(law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs)
-        touching = rows[:, 0] > 0 if len(rows) else np.zeros(0, bool)
-        i, j = p.number[pairs.i[: len(rows)][touching]], p.number[pairs.j[: len(rows)][touching]]
+        touching, rows = look(
+            law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs
+        )
+        i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
-        columns = rows[touching].T[1:]
-        values = [column[order] for column in columns]
+        values = [column[order] for column in rows.T]
         values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
         values[7] = values[7] > 0
         return Contacts(i[order], j[order], *values)
@@ -684,15 +711,18 @@ class Model:
                     PER_ICE_AREA, (self.ocean.last_x, self.ocean.last_y), strict=True
                 ):
                     product(name, last, mean)
-            product("ocean_stress_magnitude", self.ocean.magnitude, over)
-            product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
+            if out is None or any(name in out for name in SIZES_OF_DRAG):
+                product("ocean_stress_magnitude", self.ocean.magnitude, over)
+                product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields
 
     # ---- restart -----------------------------------------------------------------------------------
 
     def state(self) -> dict[str, object]:
         """All that a restart needs, as arrays, numbers and text that the model will not change."""
+        kept = self._kept(self._look())
         s, f = self._state, self.floes
+        memory = s.memory.by_number(len(f))
         state: dict[str, object] = {
             "version": __version__,
             "time": self.time,
@@ -700,9 +730,9 @@ class Model:
             "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(
                 -1, len(s.walls.dtype)
             ),
-            "pair_start": s.memory.start,
-            "pair_i": s.memory.i,
-            "pair_j": s.memory.j,
+            "pair_start": memory.start,
+            "pair_i": memory.i,
+            "pair_j": memory.j,
             "rng": json.dumps(s.rng.bit_generator.state),
             "waiting": np.array([np.nan if x.waiting is None else x.waiting for x in s.feeders]),
             "counters": np.array([float(value) for value in vars(s.counters).values()]),
@@ -714,16 +744,17 @@ class Model:
             state["floes_angular_velocity"] = f.angular_velocity.copy()
         for name in own(self.contact):
             state[f"floes_{name}"] = getattr(f, name).copy()
-        for name, values in s.memory.memory().items():
+        for name, values in memory.memory().items():
             state[f"pair_{name}"] = values
+        for name, values in marks(kept, s.memory.number)._asdict().items():
+            state[f"list_{name}"] = values.copy()
         for name in ("previous", "remainder"):
             if getattr(s, name) is not None:
                 state[name] = getattr(s, name).copy()
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
-                for name, values in vars(fluid).items():
-                    if isinstance(values, np.ndarray):
-                        state[f"{what}_{name}"] = values.copy()
+                for name, values in fluid.arrays().items():
+                    state[f"{what}_{name}"] = values.copy()
         return state | s.ledger.state()
 
     def restore(self, state: dict[str, object]) -> None:
@@ -735,6 +766,11 @@ class Model:
             if the state does not fit this model; the model is then as before.
         """
         expected = set(self.state())
+        if expected - set(state) == {f"list_{name}" for name in Marks._fields}:
+            raise InputError(
+                "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
+                "run the scene again from its start"
+            )
         if set(state) != expected:
             odd = ", ".join(sorted(set(state) ^ expected))
             raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")
@@ -771,16 +807,17 @@ class Model:
         self.floes = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
-        self._left, self._seen = None, _Seen(floes)
+        self._left, self._seen = None, _Seen(floes.copy())
         for row, wall in zip(np.asarray(state["walls"]), s.walls, strict=True):
             for name, value in zip(s.walls.dtype.names, row, strict=True):
                 wall[name] = value
-        s.memory = PairList(
+        pairs = PairList(
             np.asarray(state["pair_start"], np.int64),
             np.asarray(state["pair_i"], np.uint32),
             np.asarray(state["pair_j"], np.uint32),
             **{name: np.asarray(state[f"pair_{name}"], float) for name in memories(self.contact)},
         )
+        s.memory, s.kept = Memory(pairs, np.arange(len(floes))), None
         for name, columns in (("previous", 3), ("remainder", 2)):
             if getattr(s, name) is not None:
                 setattr(s, name, np.array(state[name], float).reshape(-1, columns))
@@ -793,9 +830,11 @@ class Model:
         s.ledger.restore(state)
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is not None:
-                for name, values in vars(fluid).items():
-                    if isinstance(values, np.ndarray):
-                        values[:] = state[f"{what}_{name}"]
+                for name, values in fluid.arrays().items():
+                    values[:] = state[f"{what}_{name}"]
+        listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
+        if len(listed.way):
+            self._advance().list_again(listed)
 
     # ---- in words ----------------------------------------------------------------------------------
 
@@ -860,14 +899,3 @@ class Model:
         side = f.thickness[ice] * (share if isinstance(drag, OceanDrag) else 1.0 - share)
         values = bulk_coefficient(drag, f.radius[ice], side)
         return float(values.min()), float(values.max())
-
-
-def _same(one: Floes, other: Floes) -> bool:
-    names = ("x", "y", "u", "v", "radius", "thickness", "active", "motion")
-    names += ("angle", "angular_velocity") if one.rotation and other.rotation else ()
-    names += tuple(
-        name for name in ("friction", "tensile_strength") if getattr(one, name) is not None
-    )
-    return len(one) == len(other) and all(
-        np.array_equal(getattr(one, name), getattr(other, name)) for name in names
-    )

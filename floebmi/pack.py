@@ -63,7 +63,7 @@ class Packed(NamedTuple):
     angle: np.ndarray | None
     held: np.ndarray  # packed index of floes with a prescribed axis
     land: np.ndarray  # bool: a piece of coast
-    first_x: np.ndarray  # where the floe was when the list was made
+    first_x: np.ndarray  # where the floe was when it was packed
     first_y: np.ndarray
     previous: np.ndarray | None  # contact forces, torques of the last step, for the paper's schemes
     origin_x: float  # of the records' coordinates
@@ -72,30 +72,51 @@ class Packed(NamedTuple):
     tensile_strength: np.ndarray | None
 
 
+def places(
+    floes: Floes,
+    number: np.ndarray,
+    origin: tuple[float, float],
+    remainder: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where some floes are, from the origin of the records [m].
+
+    remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
+    """
+    x, y = floes.x[number] - origin[0], floes.y[number] - origin[1]
+    return (x, y) if remainder is None else (x + remainder[number, 0], y + remainder[number, 1])
+
+
+def in_space(
+    floes: Floes, origin: tuple[float, float], remainder: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The numbers of the active floes, sorted in space, and where they are; see `places`."""
+    number = np.flatnonzero(floes.active)
+    x, y = places(floes, number, origin, remainder)
+    if not len(number):
+        return number, x, y
+    order = sort_in_space(x, y, floes.radius[number])
+    return number[order], x[order], y[order]
+
+
 def pack(
     floes: Floes,
+    number: np.ndarray,
+    first_x: np.ndarray,
+    first_y: np.ndarray,
     density: float,
     previous: np.ndarray | None,
     origin: tuple[float, float],
-    remainder: np.ndarray | None,
 ) -> Packed:
-    """Copy the active floes into records, sorted in space.
+    """Copy floes into records, in the order of their numbers, at the places given.
 
     previous : forces [N] and torques [N m] (n, 3) of the last step that the paper's schemes keep, or None
     origin : x, y from which the records count [m]
-    remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
     """
-    number = np.flatnonzero(floes.active)
-    if len(number):
-        number = number[sort_in_space(floes.x[number], floes.y[number], floes.radius[number])]
     n = len(number)
     rotation = floes.rotation
     records = _lines(n, SPINNING if rotation else MOVING)
     bits = floes.motion[number]
     mass = floes.mass(density)[number]
-    first_x, first_y = floes.x[number] - origin[0], floes.y[number] - origin[1]
-    if remainder is not None:
-        first_x, first_y = first_x + remainder[number, 0], first_y + remainder[number, 1]
     radius = floes.radius[number]
     inverse = 1.0 / mass
     inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
@@ -192,11 +213,12 @@ def list_pairs(
     period: tuple[float | None, float | None],
     skin: float,
     old: PairList,
-    old_tiles: Tiles | None,
+    old_seam: np.ndarray | None,
     old_place: np.ndarray,
 ) -> tuple[PairList, Tiles]:
     """A fresh list of candidate pairs that remembers what the old one did, and the tiles of the pack.
 
+    old_seam : rows of the old list's pairs across seams, or None
     old_place : row of each floe number in the old list, −1 where it has none
     """
     if contact is None or len(packed.number) < 2:
@@ -212,7 +234,7 @@ def list_pairs(
     start, i, j, tiles = by_tile(start, i, j)
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
-        for rows in (old.start, None if old_tiles is None else old_tiles.seam):
+        for rows in (old.start, old_seam):
             if len(memory) and rows is not None:
                 carry(
                     i, j, packed.number, rows, old.j, old_place, memory, getattr(new, name),
@@ -235,12 +257,15 @@ def _nothing(contact: Contact | None, n: int) -> dict[str, np.ndarray]:
     return {**memory, "block": block}
 
 
-def remembered(packed: Packed, pairs: PairList, n: int) -> PairList:
-    """The pairs that remember anything, by number of n floes, in an order that depends on nothing else."""
+def remembered(pairs: PairList, number: np.ndarray, n: int) -> PairList:
+    """The pairs that remember anything, by number of n floes, in an order that depends on nothing else.
+
+    number : of the floe of each row
+    """
     keep = np.zeros(len(pairs.i), bool)
     for memory in pairs.memory().values():
         keep |= memory != 0.0
-    a, b = packed.number[pairs.i[keep]], packed.number[pairs.j[keep]]
+    a, b = number[pairs.i[keep]], number[pairs.j[keep]]
     low, high = np.minimum(a, b), np.maximum(a, b)
     order = np.lexsort((high, low))
     start = np.searchsorted(low[order], np.arange(n + 1))
@@ -422,14 +447,15 @@ class Contacts(NamedTuple):
 
 @jit
 def look(law, period_x, period_y, floes, mu, sigma, pairs):
-    """One row a pair: touching, x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
-    rows = np.zeros((pairs.i.size, 10))
-    _look(law, period_x, period_y, floes, mu, sigma, pairs, rows)
-    return rows
+    """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
+    touching, rows = np.empty(pairs.i.size, np.int64), np.empty((pairs.i.size, 9))
+    n = _look(law, period_x, period_y, floes, mu, sigma, pairs, touching, rows)
+    return touching[:n], rows[:n]
 
 
 @dispatched
-def _look(law, period_x, period_y, floes, mu, sigma, pairs, rows):
+def _look(law, period_x, period_y, floes, mu, sigma, pairs, touching, rows):
+    m = 0
     for p in range(pairs.i.size):
         i, j = pairs.i[p], pairs.j[p]
         one, other = floes[i], floes[j]
@@ -448,19 +474,22 @@ def _look(law, period_x, period_y, floes, mu, sigma, pairs, rows):
             recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
             recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
         )  # fmt: skip
-        touching = gap < 0.0 or f.bonded > 0.0
-        row = rows[p]
-        row[0] = 1.0 if touching else 0.0
-        row[1], row[2] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
-        row[3], row[4] = dx, dy
-        row[5], row[6] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
-        row[7], row[8] = -gap, f.bonded
-        row[9] = stored(law, f, gap, one.r, other.r, one.h, other.h) if touching else 0.0
+        if gap >= 0.0 and f.bonded <= 0.0:
+            continue
+        row = rows[m]
+        row[0], row[1] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
+        row[2], row[3] = dx, dy
+        row[4], row[5] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
+        row[6], row[7] = -gap, f.bonded
+        row[8] = stored(law, f, gap, one.r, other.r, one.h, other.h)
+        touching[m] = p
+        m += 1
+    return m
 
 
 @_look.register
-def _(law: None, period_x, period_y, floes, mu, sigma, pairs, rows):
-    pass
+def _(law: None, period_x, period_y, floes, mu, sigma, pairs, touching, rows):
+    return 0
 
 
 @in_place
@@ -483,13 +512,12 @@ def strayed(floes: np.ndarray, x: np.ndarray, y: np.ndarray, keep_still: bool) -
 
     keep_still : there are walls or edges, which do not drift along
     """
+    if not len(floes):
+        return 0.0
     ways = floes.x - x, floes.y - y
     return float(np.sqrt(sum(_half_range(way, keep_still) ** 2 for way in ways)))
 
 
 def _half_range(way: np.ndarray, keep_still: bool) -> float:
-    low, high = (
-        way.min(initial=0.0 if keep_still else np.inf),
-        way.max(initial=0.0 if keep_still else -np.inf),
-    )
+    low, high = float(way.min()), float(way.max())
     return max(abs(low), abs(high)) if keep_still else 0.5 * (high - low)

@@ -58,6 +58,13 @@ class PairList(NamedTuple):
         """The names of the rows of the block."""
         return tuple(name for name in MEMORIES if getattr(self, name) is not None)
 
+    def copy(self) -> "PairList":
+        """The same pairs with a memory of their own, of what lasts beyond the list."""
+        memory, block = remembering(self.memories(), len(self.i))
+        for name, values in self.memory().items():
+            memory[name][:] = values
+        return self._replace(**memory, block=block)
+
     def memory(self) -> dict[str, np.ndarray]:
         """What lasts beyond the list, by name."""
         named = {name: getattr(self, name) for name in MEMORIES[:-1]}

@@ -50,8 +50,8 @@ def force_and_energy(law, gap, slip, bonded):
     place.w = 0.5
     one = np.array([0], np.uint32)
     pairs = PairList(np.array([0, 1, 1]), one, one + 1, np.array([slip]), np.array([bonded]))
-    row = look(law, None, None, place, None, None, pairs)[0]
-    return -row[5], row[9]
+    _, rows = look(law, None, None, place, None, None, pairs)
+    return (-rows[0, 4], rows[0, 8]) if len(rows) else (0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", LAWS)

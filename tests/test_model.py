@@ -64,7 +64,10 @@ def machine_code(function, *arguments):
 def push_code(*forces):
     f = Floes(0.0, 0.0, 10.0, 1.0)
     at = tuple(
-        by_block(at_floes(force, f.radius, f.thickness, 0.9 * f.thickness, 934.0, False, f.land))
+        by_block(
+            at_floes(force, f.radius, f.thickness, 0.9 * f.thickness, 934.0, False, f.land),
+            np.arange(len(f)),
+        )
         for force in forces
     )
     one, none, buffer = np.ones(1), np.zeros(0, np.int64), np.zeros(FORCE_BUFFER)

@@ -51,7 +51,7 @@ def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
             assert np.array_equal(getattr(models[0].floes, name), getattr(other.floes, name))
         assert np.array_equal(models[0].ledger.now, other.ledger.now)
         assert all(np.array_equal(row, other.ledger.accounts[n]) for n, row in models[0].ledger.accounts.items())  # fmt: skip
-    assert models[0].counters.rebuilds > 3
+    assert models[0].counters.rebuilds > 1
     for quantity in ("momentum_x", "momentum_y"):
         assert models[0].ledger.balance(quantity).relative < 1e-12
     assert models[0].ledger.balance("energy").relative < residual
@@ -73,6 +73,7 @@ def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_c
     model = pack_of_floes(frictional())
     model.advance(0.5)
     slip = model.state()["pair_slip"]
+    model._state.kept = None
     now = model._now()
     pairs, (bounds, parts, chunks, _) = now.pairs, now.tiles
     assert np.count_nonzero(pairs.slip) == np.count_nonzero(slip) > 100
