@@ -15,7 +15,7 @@ import json
 import os
 import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 WATER = "#d3e4ee"
 NOWHERE = "#eeeeee"  # outside the grid
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LETTERS_PER_INCH = 13.0  # about, in labels and titles
 TIME_WIDTH = 1.3  # inches for the time, to the right of the title
 LAND = "#b9ab8e"
@@ -81,6 +82,25 @@ def style() -> dict[str, Any]:
         "legend.frameon": False,
         "lines.linewidth": 1.4,
     }
+
+
+@contextmanager
+def graph(width: float, height: float) -> "Iterator[Figure]":
+    """An empty figure of width × height inches for curves of one's own, in the style of the others.
+
+    Examples
+    --------
+    >>> with graph(6, 4) as figure:
+    ...     axes = figure.subplots()
+    ...     lines = axes.plot([0, 24], [0.1, 0.3], label="floes")
+    ...     text = axes.set(xlabel="time [h]", ylabel="speed [m/s]"), axes.legend()
+    >>> figure.savefig("speed.png")  # doctest: +SKIP
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
+        yield Figure(figsize=(width, height), layout="constrained")
 
 
 def plain_numbers(axis: "Axis") -> None:
@@ -401,11 +421,10 @@ def _filled(values: np.ndarray) -> np.ndarray:
 
 def _label(text: str, units: str) -> str:
     """Text and units, with the exponents raised."""
-    superscript = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     words = []
     for word in units.split():
         letters = word.rstrip("-0123456789")
-        words.append(letters + word[len(letters) :].translate(superscript))
+        words.append(letters + word[len(letters) :].translate(RAISED))
     return f"{text} [{' '.join(words)}]"
 
 
@@ -517,9 +536,22 @@ def _canvas(
             ticks=bar.scale.ticks,
         )
         letters = int((height - bottom - top) * LETTERS_PER_INCH)
-        shades.set_label("\n".join(_lines(bar.label, letters)))
+        label = bar.label
+        # a power of ten belongs to the unit: at the end of the bar it would run into the time
+        if bar.scale.ticks is None and (power := _power(*bar.scale.norm.inverse([0.0, 1.0]))):
+            shades.formatter = lambda value, _: f"{value / 10.0**power:g}"
+            label = label.replace("[", f"[10{str(power).translate(RAISED)} ", 1)
+        shades.set_label("\n".join(_lines(label, letters)))
         shades.outline.set_linewidth(0.6)
     return figure, axes
+
+
+def _power(low: float, high: float) -> int:
+    """The power of ten, in steps of three, that makes long numbers short; 0 for numbers that are."""
+    largest = max(abs(low), abs(high))
+    if largest == 0.0 or 1e-3 <= largest < 1e5:
+        return 0
+    return 3 * int(np.floor(np.log10(largest) / 3))
 
 
 def _lines(text: str, letters: int) -> list[str]:

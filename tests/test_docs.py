@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 import floebmi
-from floebmi import forces, sizes
+from floebmi import forces, plot, sizes
 from floebmi.bonds import TensileStrength
 from floebmi.cli import floebmi as program
 from floebmi.contact import Contact, Dashpot
@@ -93,6 +93,14 @@ def test_every_public_name_is_in_the_reference():
         assert re.search(rf"\.{one}$", told, re.M), one
 
 
+def test_everything_that_draws_is_in_the_reference():
+    told = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
+    shown = re.search(r"automodule:: floebmi\.plot\n +:members: (.+)", told)[1].split(", ")
+    for name, one in inspect.getmembers(plot, inspect.isfunction):
+        if one.__module__ == plot.__name__ and not name.startswith("_"):
+            assert name in shown, name
+
+
 def laws():
     """Every law that a model takes."""
     found = [*get_args(forces.Force), *get_args(sizes.Sizes)]
@@ -112,6 +120,8 @@ def test_the_laws_are_found():
 @pytest.mark.parametrize("law", laws(), ids=lambda law: law.__name__)
 def test_every_law_says_what_its_numbers_are(law):
     assert inspect.getdoc(law)
+    told = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
+    assert re.search(rf"\.{law.__name__}$", told, re.M)
     for one in law._fields:
         assert parameter_texts(law).get(one), one
 
