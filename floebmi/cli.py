@@ -504,7 +504,7 @@ def _to_option(metavar: str, text: str) -> Callable:
 _force_option = click.option("--force", is_flag=True, help="Replace what is there.")
 _color_option = click.option(
     "--color", default="speed", metavar="NAME",
-    help="Colour floes by this variable of floes.nc: speed (default), thickness, contact_force …",
+    help="Colour floes by this variable of floes.nc: speed (default), thickness, pressure, contact_force, bond_count …",
 )  # fmt: skip
 _arrows_option = click.option(
     "--arrows", type=click.Choice(["ice", "ocean", "wind", "stress"]),
