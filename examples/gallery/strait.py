@@ -6,7 +6,6 @@ A wind of 30 m/s drives floes from the north into a strait 6 km wide, ``floebmi 
 alone they flow; with bonds of 400 kPa the ice forms an arch above the strait, and nothing comes through.
 """
 
-# sphinx_gallery_thumbnail_number = 2
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
