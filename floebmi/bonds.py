@@ -15,7 +15,7 @@ class Healing(NamedTuple):
 
     Parameters
     ----------
-    rate : λ [Pa/s]
+    rate : growth of the strength λ [Pa/s]
     initial : strength at the first touch [Pa]
     """
 
@@ -30,8 +30,8 @@ class Beam(NamedTuple):
 
     Parameters
     ----------
-    shear_strength : τ_c [Pa]
-    poisson_ratio : ν [1], sets k_t/k_n; the same as that of friction, if there is friction
+    shear_strength : shear strength τ_c [Pa]
+    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n; the same as that of friction, if there is friction
     """
 
     shear_strength: NonNegative
@@ -43,7 +43,7 @@ class TensileStrength(NamedTuple):
 
     Parameters
     ----------
-    tensile_strength : σ_c [Pa]
+    tensile_strength : tensile strength σ_c [Pa]
     spread : standard deviation of σ_c among floes, over σ_c [1] (eq. spread); else all are alike
     healing : how a bond gains its strength; else it has it from the first touch
     beam : resistance to shear and bending; else there is none

@@ -17,10 +17,13 @@ _SIDE = {"west": 1.0, "east": -1.0, "south": 1.0, "north": -1.0}
 
 
 class Domain(NamedTuple):
-    """The rectangle in which floes live [m], and what each of its edges does.
+    """The rectangle in which floes live, and what each of its edges does.
 
-    An `inactive` edge disables a floe whose centre leaves (its mass is booked), `periodic` edges come in
-    pairs, a `closed` edge is a fixed frictionless wall.
+    Parameters
+    ----------
+    x, y : west and east edge, south and north edge [m]
+    west, east, south, north : "inactive": a floe whose centre leaves is disabled, and its mass booked;
+        "periodic", in pairs: it comes in on the other side; "closed": a fixed frictionless wall
 
     Examples
     --------
@@ -92,7 +95,7 @@ class Inflow(NamedTuple):
     ----------
     edge : "west", "east", "south" or "north"
     sizes : a size distribution
-    thickness : [m]
+    thickness : of a new floe [m]
     velocity : of a new floe [m/s]
     span : stretch of the edge that is open, coordinates along it [m]; all of it if not given
     """

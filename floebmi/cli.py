@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from floebmi import __version__
 from floebmi.errors import InputError, StabilityError, choose
@@ -140,6 +141,14 @@ def _warnings_in_one_line() -> Iterator[None]:
         yield
 
 
+def _scenes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """What Tab makes of a scene: a packaged name that begins so, else a file."""
+    from floebmi.scenes import packaged
+
+    names = [name for name in packaged() if incomplete and name.startswith(incomplete)]
+    return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+
 # ---- the commands -----------------------------------------------------------------------------
 
 
@@ -157,7 +166,7 @@ def floebmi() -> None:
 
 
 @floebmi.command()
-@click.argument("scene")
+@click.argument("scene", shell_complete=_scenes)
 @_set_option
 @click.option(
     "--to", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
@@ -322,7 +331,7 @@ def _of(what: str) -> Iterator[None]:
 
 
 @floebmi.command()
-@click.argument("scene")
+@click.argument("scene", shell_complete=_scenes)
 @_set_option
 @click.option(
     "--calibrate", is_flag=True,
@@ -344,7 +353,7 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
 
 
 @floebmi.command()
-@click.argument("scene")
+@click.argument("scene", shell_complete=_scenes)
 @_set_option
 @click.option(
     "--error", type=float, default=0.05, metavar="ERROR",
@@ -504,7 +513,7 @@ def _to_option(metavar: str, text: str) -> Callable:
 _force_option = click.option("--force", is_flag=True, help="Replace what is there.")
 _color_option = click.option(
     "--color", default="speed", metavar="NAME",
-    help="Colour floes by this variable of floes.nc: speed (default), thickness, contact_force …",
+    help="Colour floes by this variable of floes.nc: speed (default), thickness, pressure, contact_force, bond_count …",
 )  # fmt: skip
 _arrows_option = click.option(
     "--arrows", type=click.Choice(["ice", "ocean", "wind", "stress"]),

@@ -31,7 +31,7 @@ class Elastic(NamedTuple):
 
     Parameters
     ----------
-    youngs_modulus : E [Pa]
+    youngs_modulus : Young's modulus E [Pa]
     """
 
     youngs_modulus: Positive = 2.0e7
@@ -46,7 +46,7 @@ class Coulomb(NamedTuple):
     Parameters
     ----------
     coefficient : friction coefficient μ [1]
-    poisson_ratio : ν [1], sets k_t/k_n
+    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n
     spread : standard deviation of μ among floes, over μ [1] (eq. spread); else all are alike
     """
 
@@ -61,7 +61,7 @@ class Damsgaard2018Coulomb(NamedTuple):
     Parameters
     ----------
     coefficient : friction coefficient μ [1]
-    poisson_ratio : ν [1], sets k_t/k_n
+    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n
     spread : standard deviation of μ among floes, over μ [1] (eq. spread); else all are alike
     """
 
@@ -75,7 +75,7 @@ class Restitution(NamedTuple):
 
     Parameters
     ----------
-    coefficient : e [1], rebound speed over impact speed of two free floes
+    coefficient : coefficient of restitution e [1], rebound speed over impact speed of two free floes
     """
 
     coefficient: PositiveFraction
@@ -92,7 +92,7 @@ class CompressiveFailure(NamedTuple):
 
     Parameters
     ----------
-    toughness : K [Pa m^0.5]; a pair fails at f_n = K h_min^1.5
+    toughness : toughness K [Pa m^0.5]; a pair fails at f_n = K h_min^1.5
     coefficient : friction coefficient of floe on floe [1]
     density_difference : of water and ice [kg/m³]; buoyancy of the thinner floe presses them together
     """
@@ -123,9 +123,9 @@ def frictional(
     Parameters
     ----------
     friction : friction coefficient μ [1]
-    youngs_modulus : E [Pa]
-    poisson_ratio : ν [1], sets k_t/k_n
-    restitution : e [1], rebound speed over impact speed of two free floes; else there is no dashpot
+    youngs_modulus : Young's modulus E [Pa]
+    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n
+    restitution : coefficient of restitution e [1], rebound speed over impact speed of two free floes; else there is no dashpot
     """
     return Contact(
         Elastic(youngs_modulus),
@@ -143,9 +143,9 @@ def cohesive(
 
     Parameters
     ----------
-    tensile_strength : σ_c [Pa]
-    youngs_modulus : E [Pa]
-    restitution : e [1], rebound speed over impact speed of two free floes; else there is no dashpot
+    tensile_strength : tensile strength σ_c [Pa]
+    youngs_modulus : Young's modulus E [Pa]
+    restitution : coefficient of restitution e [1], rebound speed over impact speed of two free floes; else there is no dashpot
     """
     return Contact(
         Elastic(youngs_modulus),

@@ -15,7 +15,7 @@ import json
 import os
 import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
@@ -27,18 +27,23 @@ from floebmi.variables import VARIABLES, find
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.colors import Colormap, Normalize
     from matplotlib.figure import Figure
     from netCDF4 import Dataset
 
 WATER = "#d3e4ee"
 NOWHERE = "#eeeeee"  # outside the grid
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LETTERS_PER_INCH = 13.0  # about, in labels and titles
 TIME_WIDTH = 1.3  # inches for the time, to the right of the title
 LAND = "#b9ab8e"
 COAST = "#7d7159"
 INK = "#1d2b36"
 CONCENTRATION = ["#0c2c4c", "#1f5f8f", "#66a5c9", "#bfdcea", "#ffffff"]  # water to ice
+# Okabe and Ito's colours, which differ for all kinds of colour vision.  Named, and not C0, C1 …, which matplotlib
+# looks up when it draws, and then in the user's style
+LINES = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6b6b6b"]
 
 Arrows = Literal["ice", "ocean", "wind", "stress"]
 _ARROWS = {
@@ -50,7 +55,9 @@ _ARROWS = {
 
 
 def style() -> dict[str, Any]:
-    """The rcParams of all pictures."""
+    """The rcParams of all pictures, for `matplotlib.rc_context`."""
+    from cycler import cycler
+
     return {
         "font.family": "sans-serif",
         "font.sans-serif": ["DejaVu Sans"],
@@ -61,7 +68,7 @@ def style() -> dict[str, Any]:
         "axes.edgecolor": INK,
         "axes.linewidth": 0.8,
         "axes.facecolor": WATER,
-        "axes.prop_cycle": _cycle(),
+        "axes.prop_cycle": cycler(color=LINES),
         "axes.formatter.useoffset": False,
         "axes.formatter.limits": (-4, 5),
         "figure.facecolor": "white",
@@ -77,12 +84,33 @@ def style() -> dict[str, Any]:
     }
 
 
-def _cycle() -> Any:
-    from cycler import cycler
+@contextmanager
+def graph(width: float, height: float) -> "Iterator[Figure]":
+    """An empty figure of width × height inches for curves of one's own, in the style of the others.
 
-    # Okabe and Ito's colours, which differ for all kinds of colour vision
-    colours = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6b6b6b"]
-    return cycler(color=colours)
+    Examples
+    --------
+    >>> with graph(6, 4) as figure:
+    ...     axes = figure.subplots()
+    ...     lines = axes.plot([0, 24], [0.1, 0.3], label="floes")
+    ...     text = axes.set(xlabel="time [h]", ylabel="speed [m/s]"), axes.legend()
+    >>> figure.savefig("speed.png")  # doctest: +SKIP
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
+        yield Figure(figsize=(width, height), layout="constrained")
+
+
+def plain_numbers(axis: "Axis") -> None:
+    """Write 20, 50, 100 at a logarithmic axis on which all is drawn, or decades if there are many."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def frame(
@@ -208,6 +236,8 @@ def ledger(
 
     with matplotlib.rc_context({**style(), "axes.facecolor": "white"}), ExitStack() as files:
         data = files.enter_context(open_file(path, "trajectories", "gridded"))
+        if not len(data.dimensions["time"]):
+            raise InputError(f"{path}: has no frame yet")
         return _save(_ledger_figure(data, title, size), to)
 
 
@@ -391,13 +421,10 @@ def _filled(values: np.ndarray) -> np.ndarray:
 
 def _label(text: str, units: str) -> str:
     """Text and units, with the exponents raised."""
-    if units == "1":
-        return text
-    superscript = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
     words = []
     for word in units.split():
         letters = word.rstrip("-0123456789")
-        words.append(letters + word[len(letters) :].translate(superscript))
+        words.append(letters + word[len(letters) :].translate(RAISED))
     return f"{text} [{' '.join(words)}]"
 
 
@@ -509,9 +536,22 @@ def _canvas(
             ticks=bar.scale.ticks,
         )
         letters = int((height - bottom - top) * LETTERS_PER_INCH)
-        shades.set_label("\n".join(_lines(bar.label, letters)))
+        label = bar.label
+        # a power of ten belongs to the unit: at the end of the bar it would run into the time
+        if bar.scale.ticks is None and (power := _power(*bar.scale.norm.inverse([0.0, 1.0]))):
+            shades.formatter = lambda value, _: f"{value / 10.0**power:g}"
+            label = label.replace("[", f"[10{str(power).translate(RAISED)} ", 1)
+        shades.set_label("\n".join(_lines(label, letters)))
         shades.outline.set_linewidth(0.6)
     return figure, axes
+
+
+def _power(low: float, high: float) -> int:
+    """The power of ten, in steps of three, that makes long numbers short; 0 for numbers that are."""
+    largest = max(abs(low), abs(high))
+    if largest == 0.0 or 1e-3 <= largest < 1e5:
+        return 0
+    return 3 * int(np.floor(np.log10(largest) / 3))
 
 
 def _lines(text: str, letters: int) -> list[str]:
@@ -768,7 +808,6 @@ def _draw_wind(axes: "Axes", view: _View, k: int) -> list[Any]:
     return [arrow, label]
 
 
-@final
 def _draw_walls(axes: "Axes", view: _View, k: int) -> list[Any]:
     """Walls that stand away from the edge of the picture."""
     if "wall_position" not in view.data.variables:
@@ -783,6 +822,7 @@ def _draw_walls(axes: "Axes", view: _View, k: int) -> list[Any]:
     return artists
 
 
+@final
 class _FloePicture:
     """A figure that can show any frame: what stands still is drawn once, the rest anew for each frame."""
 
@@ -1015,16 +1055,21 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
         gain = stock[:, q] - stock[0, q]
         accounts_of = gained[:, :, q] - gained[0, :, q]
         residual = gain - accounts_of.sum(axis=1)
+        # as in `budgets.Ledger.balance`, both components of the momentum have one measure
+        of = slice(1, 3) if name.startswith("momentum") else slice(q, q + 1)
+        largest = max(np.abs(stock[:, of]).max(), np.abs(gained[:, :, of]).max(initial=0.0))
+        moved = max(np.abs(accounts_of).max(initial=0.0), np.abs(gain).max())
         axes.plot(time, gain, color="0.75", lw=5.0, solid_capstyle="butt", label="gain of the ice")
         for a in np.flatnonzero(accounts_of.any(axis=0)):
-            axes.plot(time, accounts_of[:, a], label=accounts[a], color=f"C{a % 7}")
+            axes.plot(time, accounts_of[:, a], label=accounts[a], color=LINES[a % len(LINES)])
         axes.plot(time, residual, color="black", ls=":", label="residual")
-        turnover = max(np.abs(accounts_of).max(initial=0.0), np.abs(gain).max())
-        if turnover:
-            share = np.abs(residual).max() / turnover
+        if moved > 1e-12 * largest:
+            share = np.abs(residual).max() / largest
             axes.set_title(f"residual: {share:.1g} of the largest", loc="right", fontsize=8)
-        else:
-            axes.set_ylim(-1.0, 1.0)
+        else:  # nothing but round-off, which has no scale
+            axes.set(ylim=(-1.0, 1.0), yticks=[0.0])
+            told = f"no change from {stock[0, q]:.6g} {unit}"
+            axes.text(0.5, 0.58, told, ha="center", fontsize=8, transform=axes.transAxes)
         axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[1]:

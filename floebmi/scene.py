@@ -81,6 +81,7 @@ _FILE_PROJECTION = "plane of the file's own x and y, if it does not say"
 _SELECT = "index along any other dimension, as {member = 3}"
 _MASK = "its land-sea mask; 'none' takes missing values alone"
 _FILL_LAND = "what a wet cell gets where the file has only land"
+_DRAG = f"a preset ({', '.join(DRAG_PRESETS)}), or a table of coefficients"
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 _EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
 _PRESET_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
@@ -267,7 +268,7 @@ class Scatter(Group):
         None, description="area of the floes over the area of their region, to 0.85 [1]"
     )
     count: Count | None = Field(None, description="number of floes instead")
-    thickness: Positive = Field(1.0, description="[m]")
+    thickness: Positive = Field(1.0, description="of the floes [m]")
     x: Pair | None = Field(
         None, description="west and east bound of their region [m]; else the domain's"
     )
@@ -279,11 +280,11 @@ class Regular(Group):
     """A lattice of equal floes."""
 
     arrangement: Literal["regular"] = "regular"
-    radius: Positive = Field(description="[m]")
+    radius: Positive = Field(description="of the floes [m]")
     spacing: Positive | None = Field(None, description="between neighbouring centres [m]")
     concentration: PositiveFraction | None = Field(None, description="instead of spacing [1]")
     lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="how they are stacked")
-    thickness: Positive = Field(1.0, description="[m]")
+    thickness: Positive = Field(1.0, description="of the floes [m]")
     x: Pair | None = Field(
         None, description="west and east bound of their region [m]; else the domain's"
     )
@@ -335,8 +336,8 @@ class OneFloe(Table):
 
     x: float = Field(description="centre [m]")
     y: float = Field(description="centre [m]")
-    radius: Positive = Field(description="[m]")
-    thickness: Positive = Field(1.0, description="[m]")
+    radius: Positive = Field(description="of the floe [m]")
+    thickness: Positive = Field(1.0, description="of the floe [m]")
     u: float = Field(0.0, description="velocity along x [m/s]")
     v: float = Field(0.0, description="velocity along y [m/s]")
     motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
@@ -487,9 +488,7 @@ class FluidTable(Table):
 class Ocean(FluidTable):
     """Ocean: drag on the floes' bottoms and sides."""
 
-    drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field(
-        "damsgaard2018", description="a preset, or a table of coefficients"
-    )
+    drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field("damsgaard2018", description=_DRAG)
     layer_thickness: Positive | None = Field(
         None, description="of the host's uppermost layer [m]: warns of exchanges that are too rare"
     )
@@ -498,9 +497,7 @@ class Ocean(FluidTable):
 class Atmosphere(FluidTable):
     """Wind: drag on the floes' tops and freeboards."""
 
-    drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field(
-        "damsgaard2018", description="a preset, or a table of coefficients"
-    )
+    drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field("damsgaard2018", description=_DRAG)
     grid: GridTable | None = Field(None, description="a grid of its own; else that of [grid]")
 
 
@@ -531,7 +528,7 @@ _Tilt: Any = table_of(Tilt)
 class TiltTable(_Tilt):
     """Sea-surface tilt."""
 
-    slope: Pair = Field((0.0, 0.0), description="slope of the sea surface (∂ζ/∂x, ∂ζ/∂y) [1]")
+    slope: Pair = Field((0.0, 0.0), description="slope of the sea surface (∂η/∂x, ∂η/∂y) [1]")
 
 
 class Ice(Table):
@@ -619,7 +616,7 @@ class Scene(Table):
         0, ge=0, description="of everything random; the same seed gives the same bits"
     )
     preset: Literal["damsgaard2018"] | None = Field(
-        None, description="time step, scheme and lever arms as the paper ran them"
+        None, description="'damsgaard2018': time step, scheme and lever arms as the paper ran them"
     )
     threads: Count = Field(
         1,

@@ -24,7 +24,7 @@ class PowerLaw(NamedTuple):
 
     Parameters
     ----------
-    radius_min, radius_max : [m]
+    radius_min, radius_max : smallest and largest radius [m]
     exponent : of the number density; the cumulative number falls with exponent + 1.  The default is
         that of doi:10.1029/2018MS001299.
     """
@@ -69,7 +69,7 @@ class UniformSize(NamedTuple):
 
     Parameters
     ----------
-    radius_min, radius_max : the bounds [m]
+    radius_min, radius_max : smallest and largest radius [m]
     """
 
     radius_min: Positive
@@ -95,7 +95,7 @@ class SingleSize(NamedTuple):
 
     Parameters
     ----------
-    radius : [m]
+    radius : of every floe [m]
     """
 
     radius: Positive

@@ -492,7 +492,6 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
     """Error against cost of each setting, with the front."""
     import matplotlib
     import matplotlib.pyplot as plt
-    from matplotlib.ticker import NullFormatter
 
     from floebmi import plot
 
@@ -531,7 +530,8 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
             xscale="log", yscale="log", title=title, xlabel="seconds of a processor for a simulated day",
             ylabel=f"error of {of} [1]\n({COMPARED[of]})",
         )  # fmt: skip
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        plot.plain_numbers(ax.xaxis)
+        plot.plain_numbers(ax.yaxis)
         ax.legend(loc="best", fontsize=7)
     return drawn
 

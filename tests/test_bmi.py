@@ -441,7 +441,7 @@ def blocks(language: str) -> list[str]:
 
 def test_the_host_loop_of_the_how_to_runs_and_conserves_momentum(tmp_path: Path) -> None:
     (tmp_path / "floes.toml").write_text(blocks("toml")[0])
-    (loop,) = blocks("python")
+    loop = blocks("python")[0]
     assert len(loop.splitlines()) <= 30
     done = subprocess.run(
         [sys.executable, "-c", loop], cwd=tmp_path, capture_output=True, text=True, timeout=120,

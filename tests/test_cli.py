@@ -56,6 +56,23 @@ def test_it_tells_its_version(cli):
     assert cli("--version").stdout == f"floebmi {__version__}\n"
 
 
+@pytest.mark.parametrize(
+    "typed, offered",
+    [
+        ("floebmi ani", "plain,animate"),
+        ("floebmi run lab", "plain,labrador-sea"),
+        ("floebmi run mine", "file,mine"),
+        ("floebmi tradeoff --see", "plain,--seeds"),
+        ("floebmi plot run --arrows o", "plain,ocean"),
+    ],
+)
+def test_a_shell_completes_commands_options_words_and_scenes(cli, monkeypatch, typed, offered):
+    monkeypatch.setenv("_FLOEBMI_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(typed.count(" ")))
+    assert cli().stdout == f"{offered}\n"
+
+
 def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
     code = (
         "import sys, runpy; sys.argv = ['floebmi', 'scene']\n"

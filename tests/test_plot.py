@@ -1,4 +1,5 @@
 import base64
+import doctest
 import json
 import re
 import shutil
@@ -200,6 +201,36 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
     assert mass.get_ylabel() == "mass [kg]"
     assert along_x.get_ylabel() == "momentum along x [N s]"
+
+
+def test_a_ledger_says_what_has_not_changed_instead_of_showing_round_off(run, tmp_path):
+    path = written(tmp_path, DOMAIN, Floes(5e3, 5e3, 500.0, 1.0, u=0.1))
+    mass, along_x = draw.ledger(path).axes[:2]
+    for axes, told in ((mass, "7.33562e+08 kg"), (along_x, "7.33562e+07 N s")):
+        assert [one.get_text() for one in axes.texts] == [f"no change from {told}"]
+        assert list(axes.get_yticks()) == [0.0]
+    blown = draw.ledger(run[1]).axes[1]
+    assert not blown.texts and "residual" in blown.get_title("right")
+
+
+def test_the_colours_of_a_figure_are_not_those_of_the_readers_style(run):
+    lines = [line for axes in draw.ledger(run[1]).axes for line in axes.lines]
+    assert {line.get_color() for line in lines} <= {*draw.LINES, "0.75", "black"}
+
+
+def test_a_power_of_ten_stands_with_the_unit(run):
+    bar = draw.frame(run[1], limits=(0.0, 2e6)).axes[1]
+    assert bar.get_ylabel() == "speed [10⁶ m s⁻¹]"
+    bar.figure.canvas.draw()
+    assert bar.get_yticklabels()[-1].get_text() == "2"
+
+
+def test_a_graph_of_ones_own_has_the_style_and_leaves_none_behind():
+    assert doctest.testmod(draw).failed == 0
+    with draw.graph(3, 2) as figure:
+        (line,) = figure.subplots().plot([0, 1], [0, 1])
+    assert line.get_color() == draw.LINES[0] and line.axes.get_facecolor() == (1, 1, 1, 1)
+    assert matplotlib.rcParams["axes.prop_cycle"].by_key()["color"][0] != draw.LINES[0]
 
 
 def test_mp4_is_h264_that_browsers_play(run, tmp_path):

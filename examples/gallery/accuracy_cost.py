@@ -6,11 +6,9 @@ What may be coarser, what does it buy? Six hours of the Labrador Sea against a f
 both faster and better. ``floebmi tradeoff SCENE`` does it for all dials, with seeds, and names the setting to take.
 """
 
-import matplotlib
-from matplotlib.figure import Figure
 from numpy.linalg import norm
 
-from floebmi.plot import style
+from floebmi.plot import graph
 from floebmi.tradeoff import member
 
 case = {"scene": "labrador-sea", "overrides": [], "duration": 21600.0}
@@ -29,8 +27,8 @@ error = {n: float(norm(one["velocity"][-1] - fine) / norm(fine)) for n, one in r
 cost = {n: float(runs[n]["cost_per_day"]) for n in error}
 front = [n for n in error if all(error[n] <= error[o] or cost[n] < cost[o] for o in error)]
 front.sort(key=cost.get)
-with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
-    axes = (figure := Figure(figsize=(7, 4), layout="constrained")).subplots()
+with graph(7, 4) as figure:
+    axes = figure.subplots()
     for n in error:
         axes.semilogy(cost[n], error[n], "o", label=n)
     axes.plot([cost[n] for n in front], [error[n] for n in front], "k:", zorder=0, label="front")

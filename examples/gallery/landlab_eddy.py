@@ -6,14 +6,12 @@ Landlab: floes in an eddy
 stress there. An eddy turns the ice for half a day and, with no slope of the sea surface to hold it, flings it out.
 """
 
-import matplotlib
 import numpy as np
 from landlab import RasterModelGrid
-from matplotlib.figure import Figure
 
 from coupling.landlab import SeaIceFloes
 from floebmi.forces import DRAG_PRESETS
-from floebmi.plot import style
+from floebmi.plot import LINES, graph
 
 grid = RasterModelGrid((21, 21), xy_spacing=1000.0)
 x, y = grid.x_of_node - 10e3, grid.y_of_node - 10e3
@@ -28,11 +26,10 @@ for _ in range(12):
 names = ["sea_ice__area_fraction", *(f"sea_ice_flowing__{a}_component_of_velocity" for a in "xy")]
 fraction, u, v = (grid.at_node[name].reshape(21, 21)[1:-1, 1:-1] for name in names)  # with a cell
 km = np.arange(1.0, 20.0)
-with matplotlib.rc_context(style()):
-    figure = Figure(figsize=(6.4, 5.2), layout="constrained")
+with graph(6.4, 5.2) as figure:
     axes = figure.subplots()
     cells = axes.pcolormesh(km, km, fraction, cmap="Blues_r", vmin=0, vmax=1)
-    axes.quiver(km[::2], km[::2], u[::2, ::2], v[::2, ::2], color="C1")
+    axes.quiver(km[::2], km[::2], u[::2, ::2], v[::2, ::2], color=LINES[1])
     axes.set_title(f"Ice velocity, at most {np.hypot(u, v).max():.2f} m/s")
     axes.set(xlabel="x [km]", ylabel="y [km]", aspect="equal")
     figure.colorbar(cells, label="sea-ice area fraction [1]")

@@ -6,12 +6,10 @@ Radii between 100 m and 2 km drawn from a power law with the exponent −1.8 of 
 laid out without overlap. Number of floes per bin of radius, and what the law says.
 """
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
 import floebmi as fb
-from floebmi.plot import style
+from floebmi.plot import graph
 
 least, most, exponent = 100.0, 2000.0, -1.8
 domain = fb.Domain((0, 60e3), (0, 60e3), "periodic", "periodic", "periodic", "periodic")
@@ -22,8 +20,7 @@ density = np.histogram(floes.radius, edges)[0] / np.diff(edges)
 middle = np.sqrt(edges[1:] * edges[:-1])
 q = exponent + 1
 law = len(floes) * q / (most**q - least**q) * edges**exponent
-with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
-    figure = Figure(figsize=(6, 4), layout="constrained")
+with graph(6, 4) as figure:
     axes = figure.subplots()
     axes.loglog(edges, law, label="n ∝ r$^{-1.8}$")
     axes.loglog(middle, density, "o", label=f"{len(floes)} floes")

@@ -6,21 +6,15 @@ A wind of 30 m/s drives floes from the north into a strait 6 km wide, ``floebmi 
 alone they flow; with bonds of 400 kPa the ice forms an arch above the strait, and nothing comes through.
 """
 
-# sphinx_gallery_thumbnail_number = 2
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import matplotlib
 import xarray as xr
-from matplotlib.figure import Figure
 
 import floebmi as fb
 from floebmi import plot
 
-with matplotlib.rc_context({**plot.style(), "axes.facecolor": "white"}):
-    figure = Figure(figsize=(7, 3), layout="constrained")
-    axes = figure.subplots()
-measured, bonds = {}, ["contact=cohesive", "contact.tensile_strength=400e3"]
+measured, through, bonds = {}, {}, ["contact=cohesive", "contact.tensile_strength=400e3"]
 for name, changes in (("friction 0.3", []), ("bonds of 400 kPa", bonds)):
     built = fb.read_scene("strait", changes).build()
     with TemporaryDirectory() as folder:
@@ -33,8 +27,12 @@ for name, changes in (("friction 0.3", []), ("bonds of 400 kPa", bonds)):
         run = xr.load_dataset(path, decode_times=False)
     of_outflow = run.ledger_gained[:, run.ledger_account == "outflow", 0]
     out = -of_outflow.sum("ledger_account") / 1e9  # mass [Mt]
-    axes.plot(run.time / 3600, out, label=name)
+    through[name] = out
     measured[name] = round(abs(float(out[-1])), 1)
-axes.set(xlabel="time [h]", ylabel="ice gone through [Mt]", xlim=(0, 18))
-axes.legend(frameon=False)
+with plot.graph(7, 3) as figure:
+    axes = figure.subplots()
+    for name, out in through.items():
+        axes.plot(run.time / 3600, out, label=name)
+    axes.set(xlabel="time [h]", ylabel="ice gone through [Mt]", xlim=(0, 18))
+    axes.legend()
 print(f"gone through [Mt]: {measured}")

@@ -9,24 +9,21 @@ it was. The scene comes with the package: ``floebmi run two-floes``.
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import matplotlib
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 import floebmi as fb
-from floebmi.plot import style
+from floebmi.plot import LINES, graph
 
 model = fb.read_scene("two-floes").build().model
 with TemporaryDirectory() as folder:
     fb.run(model, 150.0, every=2.5, trajectories=Path(folder, "floes.nc"))
     floes = xr.load_dataset(Path(folder, "floes.nc"), decode_times=False)
 
-with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
-    figure = Figure(figsize=(7.5, 6), layout="constrained")
+with graph(7.5, 6) as figure:
     where, spin = figure.subplots(2, 1, height_ratios=(2, 1))
-    for floe, color in enumerate(("C0", "C1")):
+    for floe, color in enumerate(LINES[:2]):
         one = floes.isel(trajectory=floe)
         for k in range(0, one.time.size, 12):
             centre = float(one.x[k]), float(one.y[k])

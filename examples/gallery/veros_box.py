@@ -11,11 +11,10 @@ import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
-import matplotlib.figure
 import numpy as np
 from matplotlib.collections import EllipseCollection
 
-from floebmi.plot import style
+from floebmi.plot import graph
 
 sys.path.append(str(Path(sys.argv[0]).resolve().parents[1]))
 from veros_fram_strait import Ocean, make_ice  # noqa: E402
@@ -27,11 +26,12 @@ with redirect_stdout(io.StringIO()):  # Veros counts its steps
 grid, floes = both.ice.model.grid, both.ice.model.floes
 feels, alone = (np.hypot(*run.ice.at_cells(*np.mean(run.currents, axis=0))) for run in (both, one))
 change = 100 * np.where(grid.wet, feels - alone, np.nan).reshape(grid.shape)  # [cm/s]
-with matplotlib.rc_context(style()):
-    axes = (figure := matplotlib.figure.Figure(figsize=(6.4, 5.2), layout="constrained")).subplots()
+with graph(6.4, 5.2) as figure:
+    axes = figure.subplots()
     x, y, most = grid.x_edges / 1e3, grid.y_edges / 1e3, np.nanmax(np.abs(change))
     cells = axes.pcolormesh(x, y, change, cmap="RdBu_r", vmin=-most, vmax=most)
-    size, centres = floes.radius / 500, np.c_[floes.x, floes.y] / 1e3  # diameter [km]
+    ice = ~floes.land
+    size, centres = floes.radius[ice] / 500, np.c_[floes.x, floes.y][ice] / 1e3  # diameter [km]
     look = {"units": "xy", "transOffset": axes.transData, "fc": "none", "ec": "0.3", "lw": 0.5}
     axes.add_collection(EllipseCollection(size, size, 0 * size, offsets=centres, **look))
     axes.set(xlabel="x [km]", ylabel="y [km]", aspect="equal", facecolor="#b8ab8c")

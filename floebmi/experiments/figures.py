@@ -48,11 +48,11 @@ class Sweep(NamedTuple):
 
 
 SWEEPS = {  # the paper gives no values; chosen: its baseline, and what lies on both sides of it
-    6: Sweep("friction", (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), {"frictional": {"tensile_strength": (0.0,)}}, "friction coefficient μ"),
-    7: Sweep("tensile_strength", (0.0, 50e3, 100e3, 200e3, 300e3, 400e3), {"cohesive": {"friction": (0.0,)}}, "tensile strength σ_c [kPa]", KPA),
-    8: Sweep("width", (5e3, 6e3, 7e3, 8e3), TWO, "width of the strait W [km]", KM),
-    9: Sweep("spread", (0.0, 0.5, 1.0, 1.4), TWO, "range of radii over the paper's 750 m"),
-    10: Sweep("thickness", (0.5, 1.0, 2.0, 3.0), TWO, "thickness h [m]"),
+    6: Sweep("friction", (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), {"frictional": {"tensile_strength": (0.0,)}}, "friction coefficient $μ$ [1]"),
+    7: Sweep("tensile_strength", (0.0, 50e3, 100e3, 200e3, 300e3, 400e3), {"cohesive": {"friction": (0.0,)}}, "tensile strength $σ_c$ [kPa]", KPA),
+    8: Sweep("width", (5e3, 6e3, 7e3, 8e3), TWO, "width of the strait $W$ [km]", KM),
+    9: Sweep("spread", (0.0, 0.5, 1.0, 1.4), TWO, "range of radii over the paper's 750 m [1]"),
+    10: Sweep("thickness", (0.5, 1.0, 2.0, 3.0), TWO, "thickness $h$ [m]"),
 }  # fmt: skip
 KINDS: dict[int, type[Experiment]] = {n: Shear if n in (1, 3, 4) else Strait for n in range(1, 11)}
 
@@ -170,7 +170,7 @@ def _shear_cell(p: Shear, seed: int) -> "Figure":
             ax.set_ylabel("y [m]")
             cell.model.advance(time)
     axes[0].text(
-        0.5 * cell.length, 1.04 * wall, f"N = {p.normal_stress / KPA:g} kPa  ↓", ha="center"
+        0.5 * cell.length, 1.04 * wall, f"$N$ = {p.normal_stress / KPA:g} kPa  ↓", ha="center"
     )
     axes[1].text(0.5 * cell.length, 1.04 * wall, f"{p.speed:g} m/s  →", ha="center")
     return figure
@@ -188,7 +188,7 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
         if np.isfinite(f):
             low, high = one.bulk_friction_bounds.values
             clow, chigh = one.bulk_cohesion_bounds.values / KPA
-            label = f"{model}: μ_u = {f:.2f} ({low:.2f} … {high:.2f}),\nC = {c:.1f} kPa ({clow:.1f} … {chigh:.1f})"
+            label = f"{model}: $μ_u$ = {f:.2f} ({low:.2f} … {high:.2f}),\n$C$ = {c:.1f} kPa ({clow:.1f} … {chigh:.1f})"
             line = np.linspace(0, n.max(), 60)
             left.plot(line, c + f * line, color=colour, label=label)
             middle, band = _band(np.repeat(n, each.shape[1]), each.ravel() / KPA, line)
@@ -198,8 +198,8 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
             n, np.nanmean(ratio, axis=1), np.nanstd(ratio, axis=1), fmt="o-", ms=4, color=colour,
             label=model, capsize=2,
         )  # fmt: skip
-    left.set(xlabel="normal stress N [kPa]", ylabel="shear stress τ [kPa]", xlim=(0, None))
-    right.set(xlabel="normal stress N [kPa]", ylabel="τ/N [1]", xscale="log")
+    left.set(xlabel="normal stress $N$ [kPa]", ylabel="shear stress $τ$ [kPa]", xlim=(0, None))
+    right.set(xlabel="normal stress $N$ [kPa]", ylabel="$τ/N$ [1]", xscale="log")
     ticks = next(iter(data.values())).normal_stress.values / KPA
     right.set_xticks(ticks, [f"{t:g}" for t in ticks], minor=False)
     right.minorticks_off()
@@ -249,7 +249,7 @@ def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
         )
     axes[0, 0].set_ylabel("height over the wall's [1]")
     bar = figure.colorbar(
-        ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="normal stress N [kPa]"
+        ScalarMappable(norm, "viridis"), ax=list(axes[0]), label="normal stress $N$ [kPa]"
     )
     bar.set_ticks(stresses, labels=[f"{n:g}" for n in stresses])
     bar.minorticks_off()
@@ -362,7 +362,7 @@ def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
     figure, axes = plt.subplots(
         rows,
         3,
-        figsize=(9.2, 2.9 * rows),
+        figsize=(9.2, 3.2 * rows),
         layout="constrained",
         squeeze=False,
         width_ratios=(1, 1, 1),
@@ -379,8 +379,12 @@ def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
             _survival(share, at, colour)
         _timescales(scale, one, sweep, COLOURS[model])
         mass.set(title=model, xlabel="time [h]", ylabel="mass through the strait [Mt]")
-        share.set(xlabel="time [h]", ylabel="share that flows P_s [1]", ylim=(-0.03, 1.03), xlim=mass.get_xlim())  # fmt: skip
-        mass.legend(title=sweep.label, fontsize=6.5, title_fontsize=6.5, loc="upper left")
+        share.set(xlabel="time [h]", ylabel="share that flows $P_s$ [1]", ylim=(-0.03, 1.03), xlim=mass.get_xlim())  # fmt: skip
+    # beside the curves: they fill their panels
+    shades_of = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*shades_of, title=sweep.label, loc="outside lower left", ncols=6)
+    marks = {label: mark for ax in axes[:, 2] for mark, label in zip(*ax.get_legend_handles_labels(), strict=True)}  # fmt: skip
+    figure.legend(marks.values(), marks, loc="outside lower right", ncols=1)
     return figure
 
 
@@ -414,5 +418,5 @@ def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep, colour: str) -> Non
     if fitted.any():
         error = one.jamming_timescale_fit_deviation.values[fitted] / HOUR
         ax.errorbar(x[fitted], fit[fitted], error, fmt="x", color=plot.INK, ms=5, capsize=2, lw=0.8, label="least squares, as the paper")  # fmt: skip
-    ax.set(xlabel=sweep.label, ylabel="time until it jams T [h]", yscale="log")
-    ax.legend(fontsize=6.5)
+    ax.set(xlabel=sweep.label, ylabel="time until it jams $T$ [h]", yscale="log")
+    plot.plain_numbers(ax.yaxis)
