@@ -516,13 +516,13 @@ class Advance:
         floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
         reach = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done, _ = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
+            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
         else:
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
-                done, _ = verlet(*floes, *rest, self.buffers)
+                done = verlet(*floes, *rest, self.buffers)
             else:
-                done, _ = verlet_in_threads(self.threads, *floes, *rest)
+                done = verlet_in_threads(self.threads, *floes, *rest)
         self._close(books)
         return done
 

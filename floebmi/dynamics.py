@@ -510,7 +510,7 @@ def verlet(
     laws, forces, at, packed, lists, walls, books, dt, steps, substeps, travelled, half_skin,
     drag_every, lag, buffers,
 ):  # fmt: skip
-    """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done, way.
+    """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done.
 
     The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
     move and touch tile by tile, while they are in the cache, unless the short list is to be made anew between.
@@ -545,7 +545,7 @@ def verlet(
     settle(near, first, last)
     if done > 0:
         end_steps(p, walls.walls, dt, books.held[last - 1])
-    return done, travelled
+    return done
 
 
 @in_place
@@ -623,7 +623,7 @@ def taylor(
         travelled, since = travelled + way, since + way
         done += 1
     settle(near, start, parts)
-    return done, travelled
+    return done
 
 
 @inner

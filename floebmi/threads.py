@@ -25,7 +25,7 @@ from floebmi.pairs import narrow, settle
 def verlet(
     threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, dt: float, steps: int,
     substeps: np.ndarray, travelled: float, half_skin: float, drag_every: int, lag: np.ndarray,
-) -> tuple[int, float]:  # fmt: skip
+) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
     p, chunks = packed, lists.tiles.chunks
     threads = min(threads, len(chunks) - 1)
@@ -70,4 +70,4 @@ def verlet(
     settle(lists.near, 0, seams + 1)
     if done > 0:
         end_steps(p, walls.walls, dt, books.held[seams])
-    return done, travelled
+    return done
