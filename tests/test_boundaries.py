@@ -160,7 +160,7 @@ def test_a_restart_feeds_on_with_the_same_bits():
 def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     floes = Floes([0.0, 30.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
     domain = Domain((-100.0, 100.0), (-100.0, 100.0))
-    model = Model(domain, floes, contact=Contact(), forces=[OceanDrag()])
+    model = Model(domain, floes, contact=Contact(), forces=[OceanDrag(), AirDrag()])
     model.ocean.u[:] = 0.5
     assert model.ledger.start[0] == pytest.approx(floes.mass(934.0)[0])
     model.advance(30.0)

@@ -146,7 +146,9 @@ def test_the_tiles_of_a_square_add_up_to_the_square(x, y, r):
     tiles = sum(
         disc_rectangle(w, e, s, n, x, y, r) for w, e in pairwise(edges) for s, n in pairwise(edges)
     )
-    rounding = 25 * np.finfo(float).eps * max(1.0, r * r)  # each of 25 tiles loses a last digit of r²
+    rounding = (
+        25 * np.finfo(float).eps * max(1.0, r * r)
+    )  # each of 25 tiles loses a last digit of r²
     assert tiles == pytest.approx(disc_rectangle(-1, 1, -1, 1, x, y, r), abs=rounding, rel=0)
 
 

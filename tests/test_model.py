@@ -167,7 +167,7 @@ def test_edits_between_exchanges_are_an_account_of_their_own():
 
 def test_to_look_between_exchanges_changes_no_bit_of_what_follows():
     def run(looks):
-        model = pair(contact=cohesive(), forces=[OceanDrag()])
+        model = pair(contact=cohesive(), forces=[OceanDrag(), AirDrag()])
         model.ocean.u[:] = 0.3
         for _ in range(4):
             model.advance(3.0)
@@ -241,7 +241,8 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
     def made():
         floes = Floes([0.0, 19.9, 300.0], [0.0, 0.0, 5.0], 10.0, 1.0, u=[0.3, 0.0, 0.0])
         return Model(
-            Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional(), forces=[OceanDrag()],
+            Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional(),
+            forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)],
             inflow=Inflow("north", PowerLaw(10.0, 20.0), 1.0), walls=[Wall("west", normal_stress=1e3)],
             step=Step(scheme, length=0.02),
         )  # fmt: skip
