@@ -20,8 +20,8 @@ from floebmi.dynamics import (
     Lists,
     Step,
     Walls,
-    sweep,
     taylor,
+    touch_all,
     verlet,
 )
 from floebmi.errors import StabilityError
@@ -55,7 +55,7 @@ from floebmi.pack import (
     unpack,
     widest_gap,
 )
-from floebmi.pairs import narrow, near_of, settle
+from floebmi.pairs import near_of
 from floebmi.quantities import all_finite
 from floebmi.threads import verlet as verlet_in_threads
 
@@ -315,15 +315,8 @@ class Advance:
         return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        """The forces at the present place, as a step leaves them, by the kernel that does it in a step."""
-        parts, nothing = len(self.tiles.parts) - 1, np.zeros(1, np.int64)
-        at = tuple(np.empty((0, 0)) for _ in self.forces)
-        narrow(*self.period, self.packed.floes, self.lists.near, 0, parts, self.lists.gap, 0.0)
-        sweep(
-            self._laws(), self.forces, at, self.packed, self.lists, self.walls, 0, parts, False, True,
-            0.0, 0.0, 0.0, nothing, False, self._books(), self.buffers,
-        )  # fmt: skip
-        settle(self.lists.near, 0, parts)  # no time has passed: there is nothing to book
+        """The forces at the present place; no time has passed, so there is nothing to book."""
+        touch_all(self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers)
 
     def _books(self) -> Books:
         parts = len(self.tiles.parts) - 1

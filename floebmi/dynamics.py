@@ -40,7 +40,7 @@ from floebmi.forces import (
     total,
     total_spin,
 )  # fmt: skip
-from floebmi.kernels import BLOCK, dispatched, in_place, inner
+from floebmi.kernels import BLOCK, dispatched, in_place, inlined, inner
 from floebmi.pairs import Near, PairList, narrow, recall, remember, settle, strike, touch_floes
 from floebmi.quantities import Count, Positive, PositiveFraction
 from floebmi.tiles import Tiles
@@ -475,17 +475,43 @@ def end_steps(packed, walls, dt, constraint):
          0, p.floes.size, 0.5 * dt, 1.0, constraint)  # fmt: skip
 
 
+@inner
+def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer):
+    """Add the forces of the pairs of a tile; with those across the seams, the last, come the walls.
+
+    dt, inverse : see `pairs.touch_floes`
+    """
+    p = packed
+    touch_floes(
+        laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
+        p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse, books.held[tile],
+        books.lost[tile], buffer,
+    )  # fmt: skip
+    if tile == lists.near.counts.size - 1:
+        touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[tile], books.lost[tile])  # fmt: skip
+
+
 @in_place
+def touch_all(laws, packed, lists, walls, books, buffers):
+    """The forces at the present place, as a step leaves them."""
+    p, near, last = packed, lists.near, lists.near.counts.size
+    first = last - last  # as in `verlet`
+    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, 0.0)
+    for tile in range(last):
+        touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0])
+    settle(near, first, last)
+
+
+@inlined
 def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicked, dt, pushed, substeps,
           due, books, buffers):  # fmt: skip
     """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
 
-    After the last tile come the seams, and with them the walls.
-
     buffers : of a block of pairs, shape (PAIR_BUFFER,), and of a block of floes, (FORCE_BUFFER,)
     """
-    pair_buffer, floe_buffer = buffers
     p, bounds, seams, fastest = packed, lists.tiles.bounds, lists.tiles.bounds.size - 1, 0.0
+    pair_buffer, floe_buffer = buffers
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     for tile in range(first, last):
         if moves and tile < seams:
@@ -495,13 +521,7 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
             )  # fmt: skip
             fastest = max(fastest, speed2)
         if touches:
-            touch_floes(
-                laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-                p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse,
-                books.held[tile], books.lost[tile], pair_buffer,
-            )  # fmt: skip
-    if touches and last > seams:
-        touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[seams], books.lost[seams])  # fmt: skip
+            touch(laws, p, lists, walls, tile, dt, inverse, books, pair_buffer)
     return fastest
 
 
@@ -580,13 +600,8 @@ def taylor(
             narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,
                    lists.skin + 2.0 * way)  # fmt: skip
             since = 0.0
-        for part in range(parts):
-            touch_floes(
-                laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-                p.tensile_strength, lists.pairs, near, part, dt, p.force, None, books.held[part],
-                books.lost[part], pair_buffer,
-            )  # fmt: skip
-        touch_walls(laws.wall, p.floes, walls, dt, p.force, None, constraint, books.lost[parts - 1])
+        for tile in range(parts):
+            touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer)
         hold_taylor(p, ahead, dt, constraint)
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):

@@ -64,6 +64,11 @@ def in_place(function: Callable) -> Callable:
     return _compiled(function, IN_PLACE)
 
 
+def inlined(function: Callable) -> Callable:
+    """`in_place` whose source becomes part of the kernel that calls it: not compiled by itself as well."""
+    return _compiled(function, {**IN_PLACE, "inline": "always"})
+
+
 def inner(function: Callable) -> Callable:
     """Plain Python for Python, and a part of the kernels that call it."""
     return register_jitable(**IN_PLACE)(function)
