@@ -21,9 +21,7 @@ import numpy as np
 
 import floebmi as fb
 from floebmi.advance import Advance
-from floebmi.columns import PAIR_BUFFER
 from floebmi.dynamics import sweep
-from floebmi.forces import FORCE_BUFFER
 from floebmi.pairs import narrow
 
 LAWS = {
@@ -126,9 +124,8 @@ def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     lists = now.lists
     narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)
     none, books = np.zeros(1, np.int64), now._books()
-    buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
     scene = laws, (), (), now.packed, lists, now.walls
-    what = *scene, 0, tiles, False, True, dt, dt, dt, none, False, books, *buffers
+    what = *scene, 0, tiles, False, True, dt, dt, dt, none, False, books, now.buffers
     return lambda: sweep(*what)
 
 
