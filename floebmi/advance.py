@@ -292,13 +292,13 @@ class Advance:
         return True
 
     def _near_walls(self, at: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Packed floes that may touch walls in these positions, and which."""
+        """Packed floes that may touch walls in these positions, and which; coast may lie over a wall."""
         records, floes, numbers = at.floes, [], []
         if self.contact is not None:
             near = records.r + self.skin
             for w, (wall, position) in enumerate(zip(self.state.walls, positions, strict=True)):
                 across = records.x if wall.axis == 0 else records.y
-                close = np.flatnonzero(wall.side * (across - position) < near)
+                close = np.flatnonzero((wall.side * (across - position) < near) & ~at.land)
                 floes.append(close)
                 numbers.append(np.full(len(close), w))
         nothing = [np.zeros(0, np.int64)]

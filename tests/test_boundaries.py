@@ -171,6 +171,16 @@ def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     assert_books_close(model)
 
 
+def test_coast_that_lies_over_a_closed_edge_presses_nothing_on_it():
+    floes = Floes([0.0, -99.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
+    domain = Domain((-100.0, 100.0), (-100.0, 100.0), "closed", "closed")
+    model = Model(domain, floes, contact=Contact())
+    assert model.ledger.start[3] == 0.5 * floes.mass(934.0)[0]
+    model.advance(10.0)
+    assert not any(wall.force or wall.work for wall in model._state.walls)
+    assert "walls" not in {name for name, row in model.ledger.accounts.items() if row.any()}
+
+
 def test_sand_settles_under_a_body_force_in_a_closed_box():
     floes = Floes(np.arange(5) * 4.0 + 2, 10.0, 1.5, 1.0)
     domain = Domain((0.0, 20.0), (0.0, 20.0), "closed", "closed", "closed", "closed")
