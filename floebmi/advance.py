@@ -155,6 +155,7 @@ class Advance:
         self.still = bool(len(state.walls)) or None in self.period
         self.constraint = np.zeros(3)
         self.losses = np.zeros(5)
+        self.liveliest = 0.0  # highest kinetic energy on the way [J]
         self.lag = np.zeros(2)
         self.buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
 
@@ -544,6 +545,7 @@ class Advance:
                 f"floe {floe}: position or velocity is no longer finite {at}; "
                 f"a step of {0.5 * dt:g} s may hold"
             )
+        self.liveliest = max(self.liveliest, 0.5 * float(self.packed.mass @ speed**2))
         if self.contact is not None:
             way = speed * dt / floes.r
             worst = int(np.argmax(way))
@@ -600,6 +602,7 @@ class Advance:
         if len(self.packed.held) or self.constraint.any():
             x, y, work = self.constraint
             ledger.book("held floes and coast", x=x, y=y, energy=work)
+        ledger.saw(self.liveliest)
         *lost, broken = self.losses
         accounts = "friction", "dashpots", "broken bonds", "compressive failure"
         for name, loss in zip(accounts, lost, strict=True):

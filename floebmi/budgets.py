@@ -30,7 +30,7 @@ class Ledger:
         self.start = np.zeros(4)
         self.now = np.zeros(4)
         self.accounts: dict[str, np.ndarray] = {}
-        self.turnover = np.zeros(4)  # sum of what passed, whatever its sign
+        self.turnover = np.zeros(4)  # at least so much has passed, whatever its sign
 
     def copy(self) -> "Ledger":
         """The same, to go back to."""
@@ -52,6 +52,10 @@ class Ledger:
         row = np.array([mass, x, y, energy])
         self.accounts[account] = self.accounts.get(account, np.zeros(4)) + row
         self.turnover += np.abs(row)
+
+    def saw(self, energy: float) -> None:
+        """Between two bookings the ice had this energy: as much has passed, though it may have gone again."""
+        self.turnover[3] = max(self.turnover[3], energy)
 
     def balance(self, quantity: str) -> Balance:
         """The balance of "mass", "momentum_x", "momentum_y" or "energy"."""

@@ -171,6 +171,16 @@ def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     assert_books_close(model)
 
 
+def test_energy_that_came_and_went_within_an_exchange_has_passed():
+    floes = Floes(0.0, 9.0, 1.0, 1.0)
+    domain = Domain((-5.0, 5.0), (0.0, 20.0), "inactive", "inactive", "closed", "closed")
+    model = Model(domain, floes, contact=Contact(), forces=[BodyForce(0.0, -1.0)])
+    model.advance(8.0)  # falls 8 m, and is thrown up again
+    fallen = floes.mass(934.0)[0] * 8.0
+    assert abs(model.ledger.accounts["body force"][3]) < 0.1 * fallen
+    assert 0.8 * fallen < model.ledger.turnover[3] < 1.2 * fallen
+
+
 def test_coast_that_lies_over_a_closed_edge_presses_nothing_on_it():
     floes = Floes([0.0, -99.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
     domain = Domain((-100.0, 100.0), (-100.0, 100.0), "closed", "closed")

@@ -293,5 +293,7 @@ def test_a_frictional_pack_has_the_strength_that_the_paper_reports(tmp_path):
 def test_without_friction_and_strength_no_strait_jams_and_a_strong_one_always_does(tmp_path):
     values = {"friction": (0.0,), "tensile_strength": (0.0, 400e3)}
     made = campaign.run(Strait, values, range(1, 11), tmp_path / "strait.nc")
-    assert made.data.jammed.values.tolist() == [0.0, 10.0]
+    through = made.data.transport.isel(time=-1) > 0  # strong ice may bridge it before a floe is out
+    flows = through & made.data.jam_time.isnull()
+    assert flows.sum("seed").values.tolist() == [10, 0]
     assert float(made.data.jam_time.max()) < 8 * 3600.0
