@@ -872,11 +872,11 @@ class Model:
             f"├─ domain: x {d.x[0]:g} … {d.x[1]:g} m, y {d.y[0]:g} … {d.y[1]:g} m; "
             f"west {d.west}, east {d.east}, south {d.south}, north {d.north}",
             f"├─ {self.floes!r}",
-            f"├─ contact: {'none (free drift)' if self.contact is None else ''}",
+            f"├─ contact:{' none (free drift)' if self.contact is None else ''}",
         ]
         if self.contact is not None:
             lines += [f"│  ├─ {words(part)}" for part in self.contact if part is not None]
-        lines.append(f"├─ forces: {'' if self.forces else 'none'}")
+        lines.append(f"├─ forces:{'' if self.forces else ' none'}")
         for force in self.forces:
             fluid = self._fluid_of(force)
             lines.append(f"│  ├─ {force!r}" + (f" on {fluid.grid!r}" if fluid else ""))

@@ -116,6 +116,7 @@ def test_the_tree_names_what_is_there_and_what_is_absent():
     absent = text.splitlines()[-1]
     assert "friction" in absent and "wind" in absent and "bonds" not in absent
     assert "compressive failure" in absent
+    assert not any(line.endswith(" ") for line in text.splitlines())
 
 
 def test_floes_that_lie_over_each_other_are_refused_with_the_worst_pairs():
