@@ -341,7 +341,8 @@ def for_each(body: Callable) -> Callable:
     """A function that does `body(force, at, n, buffer)` for each force of a scene, on the n floes of a block."""
 
     def each(forces, at, block, n, buffer):
-        raise NotImplementedError
+        for force, table in zip(forces, at, strict=True):
+            body(force, table[block], n, buffer)
 
     @overload(each, jit_options=IN_PLACE)
     def _each(forces, at, block, n, buffer):
