@@ -4,6 +4,7 @@ What happens here is a function of the state alone: floes, what contacts remembe
 neighbours was made (kept.py).  So a run that stops and restarts at an exchange goes on with the same bits.
 """
 
+import math
 from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field
@@ -42,6 +43,7 @@ from floebmi.kernels import BLOCK
 from floebmi.pack import (
     Packed,
     Stiffest,
+    Survey,
     deepest,
     in_space,
     list_pairs,
@@ -51,18 +53,18 @@ from floebmi.pack import (
     places,
     stable_step,
     stiffest,
-    strayed,
+    survey,
     unpack,
     widest_gap,
 )
 from floebmi.pairs import near_of
-from floebmi.quantities import all_finite
 from floebmi.threads import verlet as verlet_in_threads
 
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
 CLOSING = 0.3
 WIDEST = 6.0  # how much wider than that the list of pairs may be
+FEW = 3000  # a list costs as much as one of so many floes more would: few floes rather have a wider one
 NEAR = 0.1  # the skin of the short list, of the same
 NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
 
@@ -215,9 +217,11 @@ class Advance:
         radius = at.floes.r[~at.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
-        # wider where sizes differ much: then few pairs are close, and a list costs more than a step
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        self.skin = self.closing * min(max(1.0, octaves), WIDEST)
+        # wider where sizes differ much, then few pairs are close and a list costs more than a step; and for few
+        # floes: of a width w steps cost as w n, lists as (n + FEW)/w, both together least as w² = 1 + FEW/n
+        few = math.sqrt(1.0 + FEW / max(len(radius), 1))
+        self.skin = self.closing * min(max(1.0, octaves) * few, WIDEST)
         place = np.full(len(self.floes), -1)
         place[old.number] = np.arange(len(old.number))
         self.pairs, self.tiles = list_pairs(
@@ -263,7 +267,29 @@ class Advance:
     def _begin(self) -> None:
         """What steps need besides the list."""
         self.here = tuple(by_block(at, self.packed.number) for at in self.at)
+        self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
+
+    def _rate_of_forces(self) -> np.ndarray:
+        """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
+        p = self.packed
+        n = len(p.number)
+        if not self.forces or not n or self.step.scheme != "verlet":
+            return np.zeros(n // BLOCK + 1)
+        u, v = p.floes.u, p.floes.v
+        speed = math.sqrt((u * u + v * v).max())
+        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
+        here = [by_row(at) for at in self.here]
+        speed = speed_bound(self.forces, here, speed)
+        rate = np.zeros(here[0].shape[1:])
+        for force, at in zip(self.forces, here, strict=True):
+            rate += fastest_rate(force, at, speed, spin)
+        held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
+        if p.inverse_spin is not None:
+            held = held[p.inverse_spin[held] == 0.0]
+        rate.flat[held] = 0.0
+        rate.flat[n:] = 0.0
+        return rate.max(axis=1)
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
         """From where on floes and walls stray: no more than they have room for until the list is stale.
@@ -278,11 +304,11 @@ class Advance:
         self.room -= self.travelled
         self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
 
-    def _strayed(self) -> float:
+    def _strayed(self, seen: Survey) -> float:
         """At most so far apart may floes be from where they were marked, by a sum over exchanges."""
-        x, y, walls, before = self.marked
+        _, _, walls, before = self.marked
         apart = np.abs(self.state.walls.position - walls).max(initial=0.0)
-        return before + max(strayed(self.packed.floes, x, y, self.still), float(apart))
+        return before + max(seen.strayed(self.still), float(apart))
 
     def _stray_on(self) -> bool:
         """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
@@ -459,13 +485,13 @@ class Advance:
             steps = max(1, int(rest / dt + 1e-9))  # a shorter one ends the interval
             dt = min(dt, rest)
         taken = 0
-        substeps = self._substeps(self.step.drag_every * dt)
         while taken < steps:
-            n = self._kernel(dt, steps - taken, substeps)
+            n = self._kernel(dt, steps - taken)
             taken += n
             self._count(n, dt)
-            self._check(dt, done + taken * dt)
-            self.travelled = self._strayed()
+            seen = Survey(*survey(self.packed, *self.marked[:2]))
+            self._check(seen, dt, done + taken * dt)
+            self.travelled = self._strayed(seen)
             if self.travelled > NEARLY * self._reach():
                 break
         reached = done + taken * dt
@@ -484,27 +510,7 @@ class Advance:
             0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
         )
 
-    def _substeps(self, dt: float) -> np.ndarray:
-        """Sub-steps of the other forces, for each block of floes: |J| Δt stays small, nothing overshoots."""
-        p = self.packed
-        n = len(p.number)
-        if not self.forces or not n:
-            return np.ones(n // BLOCK + 1, np.int64)
-        speed = float(np.sqrt((p.floes.u**2 + p.floes.v**2).max()))
-        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
-        here = [by_row(at) for at in self.here]
-        speed = speed_bound(self.forces, here, speed)
-        rate = np.zeros(here[0].shape[1:])
-        for force, at in zip(self.forces, here, strict=True):
-            rate += fastest_rate(force, at, speed, spin)
-        held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
-        if p.inverse_spin is not None:
-            held = held[p.inverse_spin[held] == 0.0]
-        rate.flat[held] = 0.0
-        rate.flat[n:] = 0.0
-        return np.maximum(1, np.ceil(rate.max(axis=1) * dt / DRAG_RESOLUTION)).astype(np.int64)
-
-    def _kernel(self, dt: float, steps: int, substeps: np.ndarray) -> int:
+    def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
         floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
@@ -512,6 +518,8 @@ class Advance:
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
         else:
+            parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
+            substeps = np.maximum(1, parts).astype(np.int64)
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
                 done = verlet(*floes, *rest, self.buffers)
@@ -528,31 +536,27 @@ class Advance:
         counters.shortest_step = min(counters.shortest_step, dt)
         counters.longest_step = max(counters.longest_step, dt)
 
-    def _check(self, dt: float, done: float) -> None:
+    def _check(self, seen: Survey, dt: float, done: float) -> None:
         """Stop, before anything is handed on, when the floes left what the step resolves."""
-        floes = self.packed.floes
-        if not len(floes):
-            return
-        with np.errstate(over="ignore"):
-            speed = np.sqrt(floes.u**2 + floes.v**2)
+        p = self.packed
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
-        moving = speed, floes.x, floes.y
-        moving += () if self.packed.spinning is None else (floes.omega, self.packed.angle)
-        if not all(map(all_finite, moving)):
-            wild = ~np.isfinite(moving).all(axis=0)
-            floe = self.packed.number[np.argmax(wild)]
+        if not seen.finite:
+            with np.errstate(over="ignore"):
+                moving = [p.floes.x, p.floes.y, p.floes.u**2 + p.floes.v**2]
+            moving += [] if p.spinning is None else [p.spinning.omega, p.angle]
+            floe = p.number[np.argmax(~np.isfinite(moving).all(axis=0))]
             raise StabilityError(
                 f"floe {floe}: position or velocity is no longer finite {at}; "
                 f"a step of {0.5 * dt:g} s may hold"
             )
-        self.liveliest = max(self.liveliest, 0.5 * float(self.packed.mass @ speed**2))
+        self.liveliest = max(self.liveliest, seen.energy)
         if self.contact is not None:
-            way = speed * dt / floes.r
-            worst = int(np.argmax(way))
-            if way[worst] > 0.5:
+            way = seen.fastest * dt
+            if way > 0.5:
+                speed = seen.fastest * p.floes[seen.which].r
                 raise StabilityError(
-                    f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
-                    f"({speed[worst]:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                    f"floe {p.number[seen.which]}: moves {way:.2g} of its radius in one step "
+                    f"({speed:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way:.2g} s would hold"
                 )
             if self.contact.failure is None:  # else floes raft: one lies over the other
                 self._check_overlaps(at)
@@ -599,7 +603,7 @@ class Advance:
             along = {"x": wall.impulse} if wall.axis == 0 else {"y": wall.impulse}
             ledger.book("walls", energy=wall.work, **along)
             wall.impulse = wall.work = 0.0
-        if len(self.packed.held) or self.constraint.any():
+        if len(self.packed.held) or self.packed.land.any() or self.constraint.any():
             x, y, work = self.constraint
             ledger.book("held floes and coast", x=x, y=y, energy=work)
         ledger.saw(self.liveliest)

@@ -439,6 +439,23 @@ def _(inverse: None, floes, k, wall, along_x, impulse, constraint):
 
 
 @inner
+def lean(force, begin, end, dt, kept, constraint):
+    """Pieces of coast take up the contact forces on them; what turns them matters to nothing.
+
+    kept : see `kick`
+    """
+    x = y = 0.0
+    for k in range(begin, end):
+        f = force[np.uintp(k)]
+        x += f.x
+        y += f.y
+        f.x *= kept
+        f.y *= kept
+    constraint[0] -= dt * x
+    constraint[1] -= dt * y
+
+
+@inner
 def move(
     forces, at, packed, begin, end, kicked, dt, pushed, substeps, due, constraint, buffer
 ):  # fmt: skip
@@ -467,12 +484,15 @@ def move_walls(walls, kicked, dt):
 
 
 @in_place
-def end_steps(packed, walls, dt, constraint):
+def end_steps(packed, tiles, walls, dt, constraint):
     """The second half of the last kick."""
     p = packed
     kick_walls(walls, 0.5 * dt, 0.0)
-    kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-         0, p.floes.size, 0.5 * dt, 1.0, constraint)  # fmt: skip
+    for tile in range(tiles.coast.size):
+        begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
+        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
+             begin, coast - begin, 0.5 * dt, 1.0, constraint)  # fmt: skip
+        lean(p.force, coast, end, 0.5 * dt, 1.0, constraint)
 
 
 @inner
@@ -510,15 +530,17 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
 
     buffers : of a block of pairs, shape (PAIR_BUFFER,), and of a block of floes, (FORCE_BUFFER,)
     """
-    p, bounds, seams, fastest = packed, lists.tiles.bounds, lists.tiles.bounds.size - 1, 0.0
+    p, tiles, seams, fastest = packed, lists.tiles, lists.tiles.coast.size, 0.0
     pair_buffer, floe_buffer = buffers
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     for tile in range(first, last):
         if moves and tile < seams:
+            begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
             speed2 = move(
-                forces, at, p, bounds[tile], bounds[tile + 1], kicked, dt, pushed, substeps, due,
-                books.held[tile], floe_buffer,
+                forces, at, p, begin, coast, kicked, dt, pushed, substeps, due, books.held[tile],
+                floe_buffer,
             )  # fmt: skip
+            lean(p.force, coast, end, kicked, 0.0, books.held[tile])
             fastest = max(fastest, speed2)
         if touches:
             touch(laws, p, lists, walls, tile, dt, inverse, books, pair_buffer)
@@ -564,7 +586,7 @@ def verlet(
         done, kicked = done + 1, dt
     settle(near, first, last)
     if done > 0:
-        end_steps(p, walls.walls, dt, books.held[last - 1])
+        end_steps(p, lists.tiles, walls.walls, dt, books.held[last - 1])
     return done
 
 
@@ -589,7 +611,7 @@ def taylor(
     a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.  What a floe
     gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
     """
-    p, near, parts = packed, lists.near, lists.near.counts.size
+    p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
     start, constraint = parts - parts, books.held[parts - 1]
     ahead = 0.5 if third_order else 0.0
     pair_buffer, buffer = buffers
@@ -602,7 +624,11 @@ def taylor(
             since = 0.0
         for tile in range(parts):
             touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer)
-        hold_taylor(p, ahead, dt, constraint)
+        for q in range(p.held.size):
+            hold_taylor(p, p.held[q], ahead, dt, constraint)
+        for tile in range(tiles.coast.size):
+            for k in range(tiles.coast[tile], tiles.bounds[tile + 1]):
+                hold_taylor(p, k, ahead, dt, constraint)
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):
             n = min(BLOCK, p.floes.size - first)
@@ -642,20 +668,18 @@ def taylor(
 
 
 @inner
-def hold_taylor(p, ahead, dt, constraint):
+def hold_taylor(p, k, ahead, dt, constraint):
     """What holds an axis takes up the contact forces along it, and their change as free floes do."""
-    for q in range(p.held.size):
-        k = p.held[q]
-        floe, contact, previous = p.floes[k], p.force[k], p.previous[k]
-        if p.inverse_x[k] == 0.0:
-            impulse = dt * (contact.x + ahead * (contact.x - previous[0]))
-            constraint[0] -= impulse
-            constraint[2] -= impulse * floe.u
-        if p.inverse_y[k] == 0.0:
-            impulse = dt * (contact.y + ahead * (contact.y - previous[1]))
-            constraint[1] -= impulse
-            constraint[2] -= impulse * floe.v
-        hold_taylor_spin(p.spinning, p, k, ahead, dt, constraint)
+    floe, contact, previous = p.floes[k], p.force[k], p.previous[k]
+    if p.inverse_x[k] == 0.0:
+        impulse = dt * (contact.x + ahead * (contact.x - previous[0]))
+        constraint[0] -= impulse
+        constraint[2] -= impulse * floe.u
+    if p.inverse_y[k] == 0.0:
+        impulse = dt * (contact.y + ahead * (contact.y - previous[1]))
+        constraint[1] -= impulse
+        constraint[2] -= impulse * floe.v
+    hold_taylor_spin(p.spinning, p, k, ahead, dt, constraint)
 
 
 @dispatched

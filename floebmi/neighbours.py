@@ -3,8 +3,8 @@
 A floe's reach is its radius, the distance over which a bond may hold it, and half the skin, so the list
 stays complete until some floe has moved half the skin.  Floes are sorted into levels of cells, each
 twice as wide as the one below; a floe looks for partners in its own level and in the wider ones, so a
-large floe among thousands of small ones costs no more than they do.  Every pair is listed once, in rows
-(compressed by `start`) in the order of the floes.
+large floe among thousands of small ones costs no more than they do.  Coast is a level above all others: floes
+look for it, it looks for none.  Every pair is listed once, in rows (compressed by `start`) in the order of the floes.
 
 What a contact remembers (tangential displacement, bond) sits in the slot of its pair.  A new list
 takes it over by looking the pair up in the rows of the old one: no hash, no fixed number of contacts.
@@ -36,6 +36,7 @@ def find_pairs(
     y: np.ndarray,
     reach: np.ndarray,
     period: tuple[float | None, float | None] = (None, None),
+    land: np.ndarray | None = None,
 ) -> Pairs:
     """All pairs with distance < reach_i + reach_j.
 
@@ -44,6 +45,7 @@ def find_pairs(
     x, y : centres [m], shape (n,)
     reach : [m], shape (n,), positive
     period : length of the period along x and y [m], or None
+    land : bool, shape (n,): pieces of coast, which are not paired with each other
 
     Raises
     ------
@@ -61,83 +63,92 @@ def find_pairs(
                 f"the largest floe, {4 * widest:g} m"
             )
     x, y = (np.ascontiguousarray(values, np.float64) for values in (x, y))
-    level = np.floor(np.log2(reach / reach.min())).astype(np.int32)
-    levels = _levels(x, y, level, reach, period)
-    lengths = tuple(np.inf if length is None else float(length) for length in period)
-    arguments = (x, y, reach, level, lengths[0], lengths[1], *levels)
-    i = np.empty(int(4 * n) + 64, np.int32)
-    j = np.empty_like(i)
-    start = np.empty(n + 1, np.int64)
-    found = _search(*arguments, start, i, j)
-    if found > len(i):
-        i, j = np.empty(found, np.int32), np.empty(found, np.int32)
-        _search(*arguments, start, i, j)
-    return Pairs(start, i[:found], j[:found])
-
-
-def sort_in_space(x: np.ndarray, y: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """A permutation that puts floes close in space close in memory: row by row of a cell grid."""
-    n = len(x)
-    width = 2 * float(reach.mean())
-    west, south = float(x.min()), float(y.min())
-    nx, ny = _cell_counts(float(x.max()) - west, float(y.max()) - south, width, n)
-    width_x, width_y = (float(x.max()) - west) / nx or 1.0, (float(y.max()) - south) / ny or 1.0
-    cell = _cells(x, y, west, south, width_x, width_y, nx, ny, False, False)
-    return _counting_sort(cell, nx * ny)[1]
-
-
-def _cell_counts(length_x: float, length_y: float, width: float, n: int) -> tuple[int, int]:
-    nx, ny = max(1.0, length_x // width), max(1.0, length_y // width)
-    excess = nx * ny / (CELLS_PER_FLOE * n + 16)
-    if excess > 1:
-        nx, ny = max(1.0, nx // np.sqrt(excess)), max(1.0, ny // np.sqrt(excess))
-        if nx * ny > 2 * (CELLS_PER_FLOE * n + 16):  # a domain much longer than wide
-            nx, ny = (nx, 1.0) if nx > ny else (1.0, ny)
-            nx, ny = (min(v, CELLS_PER_FLOE * n + 16) for v in (nx, ny))
-    return int(nx), int(ny)
-
-
-def _levels(
-    x: np.ndarray,
-    y: np.ndarray,
-    level: np.ndarray,
-    reach: np.ndarray,
-    period: tuple[float | None, float | None],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cell grids of all levels behind one another: per level (west, south, widths, counts), starts, floes."""
-    grids, starts, items = [], [], []
-    offset_start = offset_item = 0
-    west, south = float(x.min()), float(y.min())
-    long_x, long_y = float(x.max()) - west, float(y.max()) - south
-    for number in range(int(level.max()) + 1):
-        here = np.flatnonzero(level == number).astype(np.int32)
-        if not len(here):
-            continue
-        reach_max = float(reach[here].max())
-        nx, ny = _cell_counts(period[0] or long_x, period[1] or long_y, 2 * reach_max, len(here))
-        width_x = (period[0] or long_x) / nx or 1.0
-        width_y = (period[1] or long_y) / ny or 1.0
-        periodic = period[0] is not None, period[1] is not None
-        cell = _cells(x[here], y[here], west, south, width_x, width_y, nx, ny, *periodic)
-        start, order = _counting_sort(cell, nx * ny)
-        grids.append((number, reach_max, west, south, width_x, width_y, nx, ny, offset_start))
-        starts.append(start + offset_item)
-        items.append(here[order])
-        offset_start += len(start)
-        offset_item += len(here)
-    return np.array(grids), np.concatenate(starts), np.concatenate(items)
+    land = np.zeros(n, np.bool_) if land is None else land
+    lengths = (np.inf if length is None else float(length) for length in period)
+    return Pairs(*_find(x, y, reach, land, *lengths))
 
 
 @jit
-def _cells(x, y, west, south, width_x, width_y, nx, ny, periodic_x, periodic_y):
+def _find(x, y, reach, land, period_x, period_y):
+    level = np.empty(x.size, np.int32)
+    smallest = reach.min()
+    for k in range(x.size):
+        level[k] = max(int(np.floor(np.log2(reach[k] / smallest))), 0)  # of rounding
+    level[land] = level.max() + 1
+    grids, cell_start, items = _levels(x, y, reach, level, period_x, period_y)
+    start = np.empty(x.size + 1, np.int64)
+    room = 4 * x.size + 64
+    while True:
+        i, j = np.empty(room, np.int32), np.empty(room, np.int32)
+        found = _search(
+            x, y, reach, land, level, period_x, period_y, grids, cell_start, items, start, i, j
+        )
+        if found <= room:
+            return start, i[:found], j[:found]
+        room = found
+
+
+@jit
+def sort_in_space(x, y, reach):
+    """A permutation that puts floes close in space close in memory: row by row of a cell grid."""
+    west, south = x.min(), y.min()
+    long_x, long_y = x.max() - west, y.max() - south
+    nx, ny = _cell_counts(long_x, long_y, 2.0 * reach.mean(), x.size)
     cell = np.empty(x.size, np.int32)
     for k in range(x.size):
-        cx = int(np.floor((x[k] - west) / width_x))
-        cy = int(np.floor((y[k] - south) / width_y))
-        cx = cx % nx if periodic_x else min(max(cx, 0), nx - 1)
-        cy = cy % ny if periodic_y else min(max(cy, 0), ny - 1)
-        cell[k] = cy * nx + cx
-    return cell
+        cell[k] = nx * _clipped(y[k] - south, long_y / ny, ny) + _clipped(x[k] - west, long_x / nx, nx)
+    return _counting_sort(cell, nx * ny)[1]
+
+
+@jit
+def _cell_counts(length_x, length_y, width, n):
+    most = CELLS_PER_FLOE * n + 16.0
+    nx, ny = max(1.0, length_x // width), max(1.0, length_y // width)
+    excess = nx * ny / most
+    if excess > 1.0:
+        nx, ny = max(1.0, nx // np.sqrt(excess)), max(1.0, ny // np.sqrt(excess))
+        if nx * ny > 2.0 * most:  # a domain much longer than wide
+            nx, ny = (min(nx, most), 1.0) if nx > ny else (1.0, min(ny, most))
+    return int(nx), int(ny)
+
+
+@jit
+def _clipped(position, width, n):
+    """The cell of n that a position lies in, or the next one to it."""
+    return min(max(int(np.floor(position / width)), 0), n - 1) if width > 0.0 else 0
+
+
+@jit
+def _levels(x, y, reach, level, period_x, period_y):
+    """Cell grids of all levels behind one another: per level (west, south, widths, counts), starts, floes."""
+    count, widest = np.zeros(level.max() + 1, np.int64), np.zeros(level.max() + 1)
+    for k in range(x.size):
+        count[level[k]] += 1
+        widest[level[k]] = max(widest[level[k]], reach[k])
+    west, south = x.min(), y.min()
+    long_x = period_x if period_x < np.inf else x.max() - west
+    long_y = period_y if period_y < np.inf else y.max() - south
+    grids, grid, cells = np.empty((count.size, 9)), np.empty(count.size, np.int64), 0
+    used = 0
+    for number in range(count.size):
+        if count[number] == 0:
+            continue
+        nx, ny = _cell_counts(long_x, long_y, 2.0 * widest[number], count[number])
+        row = grids[used]
+        row[0], row[1], row[2], row[3] = number, widest[number], west, south
+        row[4], row[5] = long_x / nx or 1.0, long_y / ny or 1.0
+        row[6], row[7], row[8] = nx, ny, cells
+        grid[number], cells, used = used, cells + nx * ny, used + 1
+    cell = np.empty(x.size, np.int64)
+    for k in range(x.size):
+        row = grids[grid[level[k]]]
+        cx, cy = int(np.floor((x[k] - west) / row[4])), int(np.floor((y[k] - south) / row[5]))
+        nx, ny = int(row[6]), int(row[7])
+        cx = cx % nx if period_x < np.inf else min(max(cx, 0), nx - 1)
+        cy = cy % ny if period_y < np.inf else min(max(cy, 0), ny - 1)
+        cell[k] = int(row[8]) + cy * nx + cx
+    start, items = _counting_sort(cell, cells)
+    return grids[:used], start, items
 
 
 @jit
@@ -156,12 +167,16 @@ def _counting_sort(cell, n_cells):
 
 
 @jit
-def _search(x, y, reach, level, period_x, period_y, grids, cell_start, items, start, out_i, out_j):
+def _search(
+    x, y, reach, land, level, period_x, period_y, grids, cell_start, items, start, out_i, out_j
+):  # fmt: skip
     """Fill rows of pairs; returns how many there are, also if the arrays were too short."""
     found = 0
     size = out_i.size
     for i in range(x.size):
         start[i] = found
+        if land[i]:
+            continue
         here_x, here_y, own = x[i], y[i], reach[i]
         for g in range(grids.shape[0]):
             number = int(grids[g, 0])

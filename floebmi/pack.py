@@ -4,6 +4,7 @@ All that a contact reads of a floe is one record of 64 bytes.  Which fields and 
 laws: a spin only with friction or a torque.  What is not needed is None, which the kernels compile to nothing.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import dispatched, in_place, inner, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 from floebmi.pairs import PairList, least_of, recall, remembering, wrap
-from floebmi.tiles import Tiles, by_tile
+from floebmi.tiles import Tiles, by_tile, coast_last
 
 
 def _record(*names: str) -> np.dtype:
@@ -55,13 +56,13 @@ class Packed(NamedTuple):
     spinning: np.ndarray | None  # the same records, if they have an omega
     force: np.ndarray  # x, y (and torque)
     number: np.ndarray  # the floe's number for ever
-    mass: np.ndarray
+    mass: np.ndarray  # 0 of coast
     inverse_x: np.ndarray  # 1/m, or 0 where motion along x is prescribed
     inverse_y: np.ndarray
     inertia: np.ndarray | None
     inverse_spin: np.ndarray | None
     angle: np.ndarray | None
-    held: np.ndarray  # packed index of floes with a prescribed axis
+    held: np.ndarray  # packed index of floes with a prescribed axis, coast aside
     land: np.ndarray  # bool: a piece of coast
     first_x: np.ndarray  # where the floe was when it was packed
     first_y: np.ndarray
@@ -89,12 +90,15 @@ def places(
 def in_space(
     floes: Floes, origin: tuple[float, float], remainder: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The numbers of the active floes, sorted in space, and where they are; see `places`."""
+    """The numbers of the active floes, sorted in space, coast last, and where they are; see `places`."""
     number = np.flatnonzero(floes.active)
     x, y = places(floes, number, origin, remainder)
     if not len(number):
         return number, x, y
     order = sort_in_space(x, y, floes.radius[number])
+    land = floes.land[number[order]]
+    if land.any():
+        order = order[coast_last(land)]
     return number[order], x[order], y[order]
 
 
@@ -115,7 +119,7 @@ def pack(
     n = len(number)
     rotation = floes.rotation
     records = _lines(n, SPINNING if rotation else MOVING)
-    bits = floes.motion[number]
+    bits, land = floes.motion[number], floes.land[number]
     mass = floes.mass(density)[number]
     radius = floes.radius[number]
     inverse = 1.0 / mass
@@ -137,14 +141,14 @@ def pack(
         records if rotation else None,
         force,
         number,
-        mass,
+        np.where(land, 0.0, mass),
         inverse_x,
         inverse_y,
         inertia,
         inverse_spin,
         angle,
-        np.flatnonzero(bits),
-        floes.land[number],
+        np.flatnonzero((bits != 0) & ~land),
+        land,
         first_x,
         first_y,
         None if previous is None else previous[number],
@@ -224,18 +228,16 @@ def list_pairs(
     if contact is None or len(packed.number) < 2:
         empty = np.zeros(0, np.uint32)
         start = np.zeros(len(packed.number) + 1, np.int64)
-        start, i, j, tiles = by_tile(start, empty, empty)
+        start, i, j, tiles = by_tile(start, empty, empty, packed.land)
         return PairList(start, i, j, **_nothing(contact, 0)), tiles
-    found = find_pairs(packed.floes.x, packed.floes.y, reach(packed, contact, skin), period)
-    start, i, j = found.start, found.i.view(np.uint32), found.j.view(np.uint32)
-    if packed.land.any():  # pieces of coast lie over each other as they like
-        keep = ~(packed.land[i] & packed.land[j])
-        start, i, j = np.concatenate([[0], np.cumsum(keep)])[start], i[keep], j[keep]
-    start, i, j, tiles = by_tile(start, i, j)
+    x, y = packed.first_x, packed.first_y
+    found = find_pairs(x, y, reach(packed, contact, skin), period, packed.land)
+    i, j = found.i.view(np.uint32), found.j.view(np.uint32)
+    start, i, j, tiles = by_tile(found.start, i, j, packed.land)
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
         for rows in (old.start, old_seam):
-            if len(memory) and rows is not None:
+            if rows is not None and rows[-1] > rows[0]:
                 carry(
                     i, j, packed.number, rows, old.j, old_place, memory, getattr(new, name),
                     _sign_of_reverse(name),
@@ -507,17 +509,62 @@ def deepest(period_x, period_y, floes, pair_i, pair_j):
     return which, deepest_share
 
 
-def strayed(floes: np.ndarray, x: np.ndarray, y: np.ndarray, keep_still: bool) -> float:
-    """Largest way of a floe from x, y, relative to the pack's common drift [m].
-
-    keep_still : there are walls or edges, which do not drift along
+class Survey(NamedTuple):
+    """How packed floes fare: whether all numbers are finite, kinetic energy [J], how fast the fastest for its
+    radius is [radii per s] and its packed index; least and largest way along x and y since they were marked [m].
     """
-    if not len(floes):
-        return 0.0
-    ways = floes.x - x, floes.y - y
-    return float(np.sqrt(sum(_half_range(way, keep_still) ** 2 for way in ways)))
+
+    finite: bool
+    energy: float
+    fastest: float
+    which: int
+    least_x: float
+    most_x: float
+    least_y: float
+    most_y: float
+
+    def strayed(self, keep_still: bool) -> float:
+        """Largest way of a floe, relative to the pack's common drift [m].
+
+        keep_still : there are walls or edges, which do not drift along
+        """
+        x = _half_range(self.least_x, self.most_x, keep_still)
+        y = _half_range(self.least_y, self.most_y, keep_still)
+        return math.sqrt(x * x + y * y)
 
 
-def _half_range(way: np.ndarray, keep_still: bool) -> float:
-    low, high = float(way.min()), float(way.max())
+def _half_range(low: float, high: float, keep_still: bool) -> float:
     return max(abs(low), abs(high)) if keep_still else 0.5 * (high - low)
+
+
+@in_place
+def survey(packed, x, y):
+    """A `Survey` of floes that were marked at x, y; in one pass, since it is made many times an exchange."""
+    p, finite, energy, fastest2, which = packed, True, 0.0, 0.0, 0
+    n = p.floes.size
+    least_x = most_x = p.floes[0].x - x[0] if n else 0.0
+    least_y = most_y = p.floes[0].y - y[0] if n else 0.0
+    for k in range(n):
+        floe = p.floes[k]
+        speed2 = floe.u * floe.u + floe.v * floe.v
+        way_x, way_y = floe.x - x[k], floe.y - y[k]
+        finite &= np.isfinite(speed2) & np.isfinite(way_x) & np.isfinite(way_y)
+        finite &= np.isfinite(turned(p.spinning, p.angle, k))
+        energy += 0.5 * p.mass[k] * speed2
+        pace2 = speed2 / (floe.r * floe.r)
+        if pace2 > fastest2:
+            fastest2, which = pace2, k
+        least_x, most_x = min(least_x, way_x), max(most_x, way_x)
+        least_y, most_y = min(least_y, way_y), max(most_y, way_y)
+    return finite, energy, np.sqrt(fastest2), which, least_x, most_x, least_y, most_y
+
+
+@dispatched
+def turned(spinning, angle, k):
+    """Finite if a floe's angle and its rate are."""
+    return spinning[k].omega + angle[k]
+
+
+@turned.register
+def _(spinning: None, angle, k):
+    return 0.0

@@ -69,5 +69,5 @@ def verlet(
             done, kicked = done + 1, dt
     settle(lists.near, 0, seams + 1)
     if done > 0:
-        end_steps(p, walls.walls, dt, books.held[seams])
+        end_steps(p, lists.tiles, walls.walls, dt, books.held[seams])
     return done

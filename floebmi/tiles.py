@@ -4,6 +4,7 @@ Floes that lie together in space lie together in memory, so a tile is a range of
 the later of its two floes: when that one's tile has moved, both have.  So a step goes through memory once.
 Pairs across the seams between chunks come last of all, one after the other.  How a pack is cut depends on the
 number of its floes alone, and so do the bits of a run: not on how many threads share the chunks.
+Pieces of coast are the last of their tile: they are pushed like floes but never move, so steps need not visit them.
 """
 
 from typing import NamedTuple
@@ -21,12 +22,14 @@ class Tiles(NamedTuple):
     """Where tiles begin and end.
 
     bounds : floes of tile t, bounds[t] to bounds[t + 1]
+    coast : from where on they are pieces of coast
     parts : its pairs, parts[t] to parts[t + 1]; the last part is that of the seams
     chunks : tiles of chunk c, chunks[c] to chunks[c + 1]
     seam : rows, like `PairList.start`, of the pairs across seams
     """
 
     bounds: np.ndarray
+    coast: np.ndarray
     parts: np.ndarray
     chunks: np.ndarray
     seam: np.ndarray
@@ -43,21 +46,33 @@ def cut(n: int) -> tuple[np.ndarray, np.ndarray]:
     return bounds, np.arange(chunks + 1) * tiles
 
 
+def coast_last(land: np.ndarray) -> np.ndarray:
+    """The permutation that makes pieces of coast the last of their tile; the others keep their order."""
+    bounds, _ = cut(len(land))
+    return np.lexsort((land, np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))))
+
+
 def by_tile(
-    start: np.ndarray, i: np.ndarray, j: np.ndarray
+    start: np.ndarray, i: np.ndarray, j: np.ndarray, land: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Tiles]:
-    """The same pairs in rows of their later floes, those across seams last: rows, i, j, tiles."""
-    bounds, chunks = cut(len(start) - 1)
+    """The same pairs in rows of their later floes, those across seams last: rows, i, j, tiles.
+
+    land : bool, which packed floes are pieces of coast, after `coast_last`
+    """
+    bounds, chunks = cut(len(land))
+    pieces = [np.count_nonzero(land[a:b]) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    coast = bounds[1:] - pieces
     if len(bounds) == 2:  # one tile holds them all, in any order
         end = len(i)
-        return start, i, j, Tiles(bounds, np.array([0, end, end]), chunks, np.full(len(start), end))
+        seam = np.full(len(start), end)
+        return start, i, j, Tiles(bounds, coast, np.array([0, end, end]), chunks, seam)
     inner, seam = np.zeros((2, len(start)), np.int64)
     parts = np.empty(len(bounds) + 1, np.int64)
     new_i, new_j = np.empty_like(i), np.empty_like(j)
     _split(bounds[chunks], i, j, inner, seam, new_i, new_j)
     parts[:-1] = inner[bounds]
     parts[-1] = len(i)
-    return inner, new_i, new_j, Tiles(bounds, parts, chunks, seam)
+    return inner, new_i, new_j, Tiles(bounds, coast, parts, chunks, seam)
 
 
 @jit

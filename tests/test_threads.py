@@ -75,7 +75,8 @@ def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_c
     slip = model.state()["pair_slip"]
     model._state.kept = None
     now = model._now()
-    pairs, (bounds, parts, chunks, _) = now.pairs, now.tiles
+    pairs, tiled = now.pairs, now.tiles
+    bounds, parts, chunks = tiled.bounds, tiled.parts, tiled.chunks
     assert np.count_nonzero(pairs.slip) == np.count_nonzero(slip) > 100
     across = slice(parts[-2], parts[-1])
     chunk = [np.searchsorted(bounds[chunks], ends, side="right") for ends in (pairs.i, pairs.j)]
