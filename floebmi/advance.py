@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field
+from itertools import repeat
 
 import numpy as np
 
@@ -182,7 +183,7 @@ class Advance:
 
     def _go_on(self, kept: Kept) -> None:
         """Pack the floes in the order of a list that holds for them."""
-        pairs, number, _ = self.state.memory
+        pairs, number = self.state.memory
         self.packed = self._pack(
             number, *places(self.floes, number, self.domain.origin, self.state.remainder)
         )
@@ -223,9 +224,9 @@ class Advance:
         few = math.sqrt(1.0 + FEW / max(len(radius), 1))
         self.skin = self.closing * min(max(1.0, octaves) * few, WIDEST)
         place = np.full(len(self.floes), -1)
-        place[old.number] = np.arange(len(old.number))
+        place[at.number] = np.arange(len(at.number))
         self.pairs, self.tiles = list_pairs(
-            at, self.contact, self.period, self.skin, old.pairs, old.seam, place
+            at, self.contact, self.period, self.skin, old.pairs, old.number, place
         )
         self._room_for_near()
         self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
@@ -240,7 +241,7 @@ class Advance:
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
-        return Memory(self.pairs, self.packed.number, self.tiles.seam)
+        return Memory(self.pairs, self.packed.number)
 
     def _keep(self) -> None:
         """Leave the list to the next exchange, with what its pairs remember; nothing may change them now."""
@@ -267,29 +268,27 @@ class Advance:
     def _begin(self) -> None:
         """What steps need besides the list."""
         self.here = tuple(by_block(at, self.packed.number) for at in self.at)
-        self.rate = self._rate_of_forces()
+        rate = np.zeros(-(-len(self.packed.number) // BLOCK) * BLOCK)
+        rate[: len(self.packed.number)] = self.rate[self.packed.number]
+        self.block_rate = rate.reshape(-1, BLOCK).max(axis=1)
         self.state.counters.rebuilds += self.fresh
 
     def _rate_of_forces(self) -> np.ndarray:
-        """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
-        p = self.packed
-        n = len(p.number)
-        if not self.forces or not n or self.step.scheme != "verlet":
-            return np.zeros(n // BLOCK + 1)
-        u, v = p.floes.u, p.floes.v
+        """Bound on |J| of the other forces [1/s] for each floe by its number: it sets their sub-steps."""
+        p, rate = self.packed, np.zeros(len(self.floes))
+        if not self.forces or not len(p.number) or self.step.scheme != "verlet":
+            return rate
+        u, v = p.floes["u"], p.floes["v"]
         speed = math.sqrt((u * u + v * v).max())
-        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
-        here = [by_row(at) for at in self.here]
+        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning["omega"]).max())
+        here = [at.take(p.number, axis=1) for at in self.at]
         speed = speed_bound(self.forces, here, speed)
-        rate = np.zeros(here[0].shape[1:])
-        for force, at in zip(self.forces, here, strict=True):
-            rate += fastest_rate(force, at, speed, spin)
+        rate[p.number] = sum(map(fastest_rate, self.forces, here, repeat(speed), repeat(spin)))
         held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
         if p.inverse_spin is not None:
             held = held[p.inverse_spin[held] == 0.0]
-        rate.flat[held] = 0.0
-        rate.flat[n:] = 0.0
-        return rate.max(axis=1)
+        rate[p.number[held]] = 0.0
+        return rate
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
         """From where on floes and walls stray: no more than they have room for until the list is stale.
@@ -320,12 +319,12 @@ class Advance:
 
     def _near_walls(self, at: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Packed floes that may touch walls in these positions, and which; coast may lie over a wall."""
-        records, floes, numbers = at.floes, [], []
+        floes, numbers = [], []
         if self.contact is not None:
-            near = records.r + self.skin
-            for w, (wall, position) in enumerate(zip(self.state.walls, positions, strict=True)):
-                across = records.x if wall.axis == 0 else records.y
-                close = np.flatnonzero((wall.side * (across - position) < near) & ~at.land)
+            near, walls = at.floes["r"] + self.skin, self.state.walls
+            for w, (axis, side) in enumerate(zip(walls["axis"], walls["side"], strict=True)):
+                across = at.first_y if axis else at.first_x
+                close = np.flatnonzero((side * (across - positions[w]) < near) & ~at.land)
                 floes.append(close)
                 numbers.append(np.full(len(close), w))
         nothing = [np.zeros(0, np.int64)]
@@ -447,6 +446,7 @@ class Advance:
             )  # fmt: skip
             # fluids are read once an exchange: a floe that comes in between meets them at the next
             self.at[k] = np.concatenate([self.at[k], without_fluid(more)], axis=1)
+        self.rate = np.append(self.rate, np.zeros(count))
 
     # ---- stepping ----------------------------------------------------------------------------------
 
@@ -464,6 +464,7 @@ class Advance:
         The floes must be as they were when `look` looked; a second run needs another look.
         """
         self.at, self.time = list(at), time
+        self.rate = self._rate_of_forces()
         self._begin()
         leaving, new = self._come_and_go()
         if len(leaving) or len(new):
@@ -518,7 +519,7 @@ class Advance:
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
         else:
-            parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
+            parts = np.ceil(self.block_rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:

@@ -7,6 +7,7 @@ import numpy as np
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
+from floebmi.kernels import jit
 from floebmi.quantities import NonNegative, Positive, check
 from floebmi.sizes import Sizes, check_sizes
 
@@ -219,26 +220,42 @@ class Feeder:
         edge = self.inflow.edge
         across = self.domain.position(edge) + _SIDE[edge] * radius
         other, along = (floes.x, floes.y) if self.axis == 0 else (floes.y, floes.x)
-        near = floes.radius + radius
-        close = np.flatnonzero(floes.active & (np.abs(other - across) < near))
-        half = np.sqrt(near[close] ** 2 - (other[close] - across) ** 2)
-        low, high = self.span[0] + radius, self.span[1] - radius
-        period = self.domain.period[1 - self.axis]
-        shifts = [0.0] if period is None else [-period, 0.0, period]  # across a seam, too
-        centres = along[close] + np.array(shifts)[:, None]
-        blocked = sorted(zip((centres - half).ravel(), (centres + half).ravel(), strict=True))
-        free, start = [], low
-        for begin, end in [*blocked, (high, high)]:
-            if begin > start:
-                free.append((start, min(begin, high)))
-            start = max(start, end)
-        lengths = np.array([max(end - begin, 0.0) for begin, end in free])
+        begin, end = _free(
+            other - across, along, floes.radius + radius, floes.active, self.span[0] + radius,
+            self.span[1] - radius, self.domain.period[1 - self.axis] or np.inf,
+        )  # fmt: skip
+        lengths = end - begin
         if not lengths.sum() > 0:
             return None
         spot = rng.uniform(0.0, lengths.sum())
-        for (begin, _), length in zip(free, lengths, strict=True):
+        for first, length in zip(begin, lengths, strict=True):
             if spot <= length:
-                place = begin + spot
+                place = float(first + spot)
                 return (across, place) if self.axis == 0 else (place, across)
             spot -= length
         return None
+
+
+@jit
+def _free(apart, along, reach, active, low, high, period):
+    """Begins and ends of the stretches of a line, from low to high, of which no floe is within its reach.
+
+    apart, along : of the floes from the line, and where along it they are; period : of the line, or inf
+    """
+    begin, end, n = np.empty(3 * apart.size + 1), np.empty(3 * apart.size + 1), 0
+    images = 1 if period < np.inf else 0  # across a seam, too
+    for k in range(apart.size):
+        if active[k] and abs(apart[k]) < reach[k]:
+            half = np.sqrt(reach[k] * reach[k] - apart[k] * apart[k])
+            for image in range(-images, images + 1):
+                centre = along[k] + image * period if image else along[k]
+                begin[n], end[n], n = centre - half, centre + half, n + 1
+    begin[n] = end[n] = high
+    order = np.argsort(begin[: n + 1])
+    free, start = 0, low
+    first, last = np.empty(n + 1), np.empty(n + 1)
+    for k in order:
+        if min(begin[k], high) > start:
+            first[free], last[free], free = start, min(begin[k], high), free + 1
+        start = max(start, end[k])
+    return first[:free], last[:free]

@@ -21,12 +21,11 @@ DECISIVE = "x", "y", "radius", "active", "motion", "tensile_strength"
 class Memory(NamedTuple):
     """What pairs remember, in the slots of a list or of a restart file.
 
-    pairs : never changed in place; number : of the floe of each row; seam : see `Tiles`, or None
+    pairs : never changed in place; number : of the floe of each row
     """
 
     pairs: PairList
     number: np.ndarray
-    seam: np.ndarray | None = None
 
     def by_number(self, floes: int) -> PairList:
         """Those that remember anything, in an order that depends on nothing but the numbers of the floes."""

@@ -6,8 +6,8 @@ twice as wide as the one below; a floe looks for partners in its own level and i
 large floe among thousands of small ones costs no more than they do.  Coast is a level above all others: floes
 look for it, it looks for none.  Every pair is listed once, in rows (compressed by `start`) in the order of the floes.
 
-What a contact remembers (tangential displacement, bond) sits in the slot of its pair.  A new list
-takes it over by looking the pair up in the rows of the old one: no hash, no fixed number of contacts.
+What a contact remembers (tangential displacement, bond) sits in the slot of its pair.  Pairs of an old list that
+remember anything are looked up in the rows of the new one: no hash, no fixed number of contacts.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError
-from floebmi.kernels import jit
+from floebmi.kernels import in_place, jit
 
 CELLS_PER_FLOE = 2.0  # a sparse level gets wider cells rather than more of them
 
@@ -227,19 +227,24 @@ def _window(position, s, width, n, period):
     return max(low, 0), min(high, n - 1)
 
 
-@jit
-def carry(pairs_i, pairs_j, number, old_start, old_j, old_place, old_memory, memory, sign):
-    """Take over what pairs remember: `number` is a floe's number for ever, `old_place` its old row.
+@in_place
+def carry(old_i, old_j, old_number, old_memory, place, start, seam, j, memory, sign):
+    """Take over what the pairs of an old list remember, where the new one has them too.
 
+    old_number, place : number for ever of a floe of the old list, and its row in the new one, −1 where it has none
+    start, seam : rows of the new list, and of its pairs across seams
     sign : 1, or −1 for what changes its sign when i and j change places
     """
-    for p in range(pairs_i.size):
-        a = old_place[number[pairs_i[p]]]
-        b = old_place[number[pairs_j[p]]]
-        if a >= 0 and b >= 0:
-            for q in range(old_start[a], old_start[a + 1]):
-                if old_j[q] == b:
-                    memory[p] = old_memory[q]
-            for q in range(old_start[b], old_start[b + 1]):
-                if old_j[q] == a:
-                    memory[p] = sign * old_memory[q]
+    for q in range(old_j.size):
+        if old_memory[q] == 0.0:
+            continue
+        a, b = place[old_number[old_i[q]]], place[old_number[old_j[q]]]
+        if a < 0 or b < 0:
+            continue
+        for row, other, value in ((a, b, old_memory[q]), (b, a, sign * old_memory[q])):
+            for p in range(start[row], start[row + 1]):
+                if j[p] == other:
+                    memory[p] = value
+            for p in range(seam[row], seam[row + 1]):
+                if j[p] == other:
+                    memory[p] = value

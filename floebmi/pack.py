@@ -23,7 +23,7 @@ from floebmi.contact import (
     strength,
 )
 from floebmi.dynamics import Step, Walls
-from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
+from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND, Floes
 from floebmi.kernels import dispatched, in_place, inner, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 from floebmi.pairs import PairList, least_of, recall, remembering, wrap
@@ -119,35 +119,30 @@ def pack(
     n = len(number)
     rotation = floes.rotation
     records = _lines(n, SPINNING if rotation else MOVING)
-    bits, land = floes.motion[number], floes.land[number]
-    mass = floes.mass(density)[number]
-    radius = floes.radius[number]
-    inverse = 1.0 / mass
-    inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
-    inverse_y = np.where(bits & FIXED_Y, 0.0, inverse)
-    _fill(
-        records, first_x, first_y, radius, np.maximum(inverse_x, inverse_y),
-        number, floes.thickness, floes.u, floes.v,
-    )  # fmt: skip
-    inertia = inverse_spin = angle = None
+    mass, inverse_x, inverse_y = np.empty((3, n))
+    inertia = inverse_spin = angle = spin = None
     if rotation:
-        records["omega"] = floes.angular_velocity[number]
-        inertia = 0.5 * mass * radius**2
-        inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
-        angle = floes.angle[number]
-    force = _lines(n, FORCE_AND_TORQUE if rotation else FORCE)
+        inertia, inverse_spin, angle = np.empty((3, n))
+        spin = records, inertia, inverse_spin, angle, floes.angle, floes.angular_velocity
+    motion = floes.motion
+    _fill(
+        records, mass, inverse_x, inverse_y, spin, number, first_x, first_y, floes.radius,
+        floes.thickness, floes.u, floes.v, motion, density,
+    )  # fmt: skip
+    motion = motion[number]
+    land = (motion & LAND) != 0
     return Packed(
         records,
         records if rotation else None,
-        force,
+        _lines(n, FORCE_AND_TORQUE if rotation else FORCE),
         number,
-        np.where(land, 0.0, mass),
+        mass,
         inverse_x,
         inverse_y,
         inertia,
         inverse_spin,
         angle,
-        np.flatnonzero((bits != 0) & ~land),
+        np.flatnonzero((motion != 0) & ~land),
         land,
         first_x,
         first_y,
@@ -159,37 +154,66 @@ def pack(
 
 
 @in_place
-def _fill(records, x, y, r, w, number, h, u, v):
-    """Write records one after the other: column by column each would be fetched many times."""
+def _fill(records, mass, inverse_x, inverse_y, spin, number, x, y, r, h, u, v, motion, density):
+    """Write all that is packed of a floe, one after the other: column by column each would be fetched many times."""
     for k in range(number.size):
-        floe = number[k]
-        record = records[k]
-        record.x, record.y, record.r, record.w = x[k], y[k], r[k], w[k]
-        record.h, record.u, record.v = h[floe], u[floe], v[floe]
+        floe, record = number[k], records[k]
+        bits, m = motion[floe], density * (np.pi * r[floe] * r[floe] * h[floe])
+        record.x, record.y, record.u, record.v = x[k], y[k], u[floe], v[floe]
+        record.r, record.h = r[floe], h[floe]
+        inverse_x[k] = 0.0 if bits & FIXED_X else 1.0 / m
+        inverse_y[k] = 0.0 if bits & FIXED_Y else 1.0 / m
+        record.w = max(inverse_x[k], inverse_y[k])
+        mass[k] = 0.0 if bits & LAND else m
+        _fill_spin(spin, k, floe, 0.5 * m * r[floe] * r[floe], bits)
+
+
+@dispatched
+def _fill_spin(spin, k, floe, moment, bits):
+    records, inertia, inverse_spin, angle, angles, rates = spin
+    records[k].omega, angle[k], inertia[k] = rates[floe], angles[floe], moment
+    inverse_spin[k] = 0.0 if bits & FIXED_ROTATION else 1.0 / moment
+
+
+@_fill_spin.register
+def _(spin: None, k, floe, moment, bits):
+    pass
 
 
 def unpack(
     packed: Packed, floes: Floes, previous: np.ndarray | None, remainder: np.ndarray | None
 ) -> None:
     """Copy what moved back into the floes."""
-    number, records = packed.number, packed.floes
-    for axis, (place, now, first, origin) in enumerate(
-        (
-            (floes.x, records.x, packed.first_x, packed.origin_x),
-            (floes.y, records.y, packed.first_y, packed.origin_y),
-        )
-    ):
-        moved = now != first  # one that did not move keeps its place to the bit
-        of = number[moved]
-        place[of] = now[moved] + origin
-        if remainder is not None:
+    p, number = packed, packed.number
+    _return(
+        p.floes, number, p.first_x, p.first_y, p.origin_x, p.origin_y, floes.x, floes.y, floes.u, floes.v
+    )
+    if remainder is not None:  # not in a kernel: fast mathematics would make it zero
+        for axis, (now, first, origin, place) in enumerate(
+            (
+                (p.floes["x"], p.first_x, p.origin_x, floes.x),
+                (p.floes["y"], p.first_y, p.origin_y, floes.y),
+            )
+        ):
+            moved = now != first
+            of = number[moved]
             remainder[of, axis] = now[moved] - (place[of] - origin)
-    floes.u[number], floes.v[number] = records.u, records.v
-    if packed.spinning is not None:
-        floes.angle[number] = packed.angle
-        floes.angular_velocity[number] = records.omega
+    if p.spinning is not None:
+        floes.angle[number] = p.angle
+        floes.angular_velocity[number] = p.spinning["omega"]
     if previous is not None:
-        previous[number] = packed.previous
+        previous[number] = p.previous
+
+
+@in_place
+def _return(records, number, first_x, first_y, origin_x, origin_y, x, y, u, v):
+    for k in range(number.size):
+        floe, record = number[k], records[k]
+        u[floe], v[floe] = record.u, record.v
+        if record.x != first_x[k]:  # one that did not move keeps its place to the bit
+            x[floe] = record.x + origin_x
+        if record.y != first_y[k]:
+            y[floe] = record.y + origin_y
 
 
 def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
@@ -217,13 +241,13 @@ def list_pairs(
     period: tuple[float | None, float | None],
     skin: float,
     old: PairList,
-    old_seam: np.ndarray | None,
-    old_place: np.ndarray,
+    old_number: np.ndarray,
+    place: np.ndarray,
 ) -> tuple[PairList, Tiles]:
     """A fresh list of candidate pairs that remembers what the old one did, and the tiles of the pack.
 
-    old_seam : rows of the old list's pairs across seams, or None
-    old_place : row of each floe number in the old list, −1 where it has none
+    old_number : of the floe of each row of the old list
+    place : row of each floe number in the new list, −1 where it has none
     """
     if contact is None or len(packed.number) < 2:
         empty = np.zeros(0, np.uint32)
@@ -236,12 +260,10 @@ def list_pairs(
     start, i, j, tiles = by_tile(found.start, i, j, packed.land)
     new = PairList(start, i, j, **_nothing(contact, len(i)))
     for name, memory in old.memory().items():
-        for rows in (old.start, old_seam):
-            if rows is not None and rows[-1] > rows[0]:
-                carry(
-                    i, j, packed.number, rows, old.j, old_place, memory, getattr(new, name),
-                    _sign_of_reverse(name),
-                )  # fmt: skip
+        carry(
+            old.i, old.j, old_number, memory, place, start, tiles.seam, j, getattr(new, name),
+            _sign_of_reverse(name),
+        )  # fmt: skip
     return new, tiles
 
 
