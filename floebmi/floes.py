@@ -5,7 +5,7 @@ between advances they may be read and edited like any other array (`floes.u[3] =
 leaves the domain keeps its number and becomes inactive; new floes are added behind the last one.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -240,6 +240,7 @@ class Floes:
             _check(name, np.broadcast_to(value, k), first)
             if name not in self._columns and np.any(value):
                 raise InputError(f"{name} is given for floes that do not rotate; say rotation=True")
+        _check_coast(values, first)
         self._reserve(first + k)
         self._n += k
         for name, column in self._columns.items():
@@ -270,6 +271,7 @@ class Floes:
         _motion_bits(self.motion)
         for name in self._columns:
             _check(name, getattr(self, name), 0)
+        _check_coast({name: getattr(self, name) for name in self._columns}, 0)
 
     def same(self, other: "Floes", names: Iterable[str] | None = None) -> bool:
         """Whether others have the same numbers and values.
@@ -380,6 +382,20 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
         right = bound if np.isfinite(value) else "a finite number"
         given = f"{value!r} {unit}".strip()
         raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")
+
+
+def _check_coast(values: Mapping[str, np.ndarray], first: int) -> None:
+    land = (values["motion"] & LAND) != 0
+    if not land.any():
+        return
+    for name in ("u", "v", "angular_velocity"):
+        moves = land & (values.get(name, 0.0) != 0.0)
+        if moves.any():
+            row = int(np.flatnonzero(moves)[0])
+            value = float(np.broadcast_to(values[name], moves.shape).flat[row])
+            raise InputError(
+                f"floe {first + row}: {name} = {value!r} {_UNITS[name]}: a piece of coast stands still; must be 0"
+            )
 
 
 def without_small(floes: Floes, radius: float) -> Floes:

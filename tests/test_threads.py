@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from floebmi import tiles
+from floebmi import advance, tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
 from floebmi.errors import InputError
-from floebmi.floes import FIXED_Y, Floes
+from floebmi.floes import COAST, FIXED_Y, Floes
 from floebmi.forces import AirDrag, OceanDrag
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
@@ -20,6 +20,7 @@ SIZES = PowerLaw(10.0, 40.0)
 @pytest.fixture
 def small_chunks(monkeypatch):
     monkeypatch.setattr(tiles, "CHUNK", 80)
+    monkeypatch.setattr(advance, "FEW", 0)  # so narrow a list is renewed on the way
 
 
 def pack_of_floes(law, threads=1, walls=False):
@@ -29,6 +30,7 @@ def pack_of_floes(law, threads=1, walls=False):
     rng = np.random.default_rng(2)
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.3, (2, len(floes)))
     floes.motion[::20] = FIXED_Y
+    floes.motion[7::40], floes.u[7::40], floes.v[7::40] = COAST, 0.0, 0.0
     drag = [OceanDrag(), AirDrag()]
     model = Model(domain, floes, law, drag, threads=threads, walls=[Wall("west", velocity=0.1)] if walls else [])  # fmt: skip
     model.atmosphere.u[:] = 15.0
