@@ -181,6 +181,15 @@ def test_energy_that_came_and_went_within_an_exchange_has_passed():
     assert 0.8 * fallen < model.ledger.turnover[3] < 1.2 * fallen
 
 
+def test_a_body_force_acts_on_ice_and_not_on_coast():
+    floes = Floes([0.0, 25.0], 9.0, 1.0, 1.0, motion=[0, COAST])
+    domain = Domain((-5.0, 30.0), (0.0, 20.0), "inactive", "inactive", "closed", "closed")
+    model = Model(domain, floes, contact=Contact(), forces=[BodyForce(0.0, -1.0)])
+    model.advance(2.0)
+    assert model.ledger.accounts["body force"][2] == pytest.approx(-2.0 * floes.mass(934.0)[0])
+    assert not model.ledger.accounts["held floes and coast"].any()
+
+
 def test_coast_that_lies_over_a_closed_edge_presses_nothing_on_it():
     floes = Floes([0.0, -99.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
     domain = Domain((-100.0, 100.0), (-100.0, 100.0), "closed", "closed")

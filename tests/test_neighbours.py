@@ -36,7 +36,11 @@ def test_the_list_equals_brute_force_for_radius_ratios_to_1000(n, decades, perio
     length = 4.5 + size
     x, y = rng.uniform(0, length, n), rng.uniform(0, 3 * length, n)
     period = (length if periodic[0] else None, 3 * length if periodic[1] else None)
-    assert as_set(find_pairs(x, y, reach, period)) == brute_force(x, y, reach, period)
+    pairs = brute_force(x, y, reach, period)
+    assert as_set(find_pairs(x, y, reach, period)) == pairs
+    land = rng.random(n) < 0.5
+    of_ice = {(a, b) for a, b in pairs if not (land[a] and land[b])}
+    assert as_set(find_pairs(x, y, reach, period, land)) == of_ice
 
 
 def test_one_large_floe_among_thousands_of_small_ones_keeps_all_its_neighbours():
