@@ -5,7 +5,7 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 """
 
 from collections.abc import Sequence
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,14 +27,13 @@ from floebmi.dynamics import (
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import (
-    BOOKED,
     FORCE_BUFFER,
     Force,
+    add_fastest_rate,
     at_floes,
     by_block,
-    by_row,
-    fastest_rate,
     speed_bound,
+    take_booked,
     without_fluid,
 )
 from floebmi.kept import Kept, Marks, Memory
@@ -46,6 +45,7 @@ from floebmi.pack import (
     in_space,
     list_pairs,
     look,
+    pace,
     pack,
     paper_step,
     places,
@@ -93,19 +93,23 @@ class State:
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
     kept: Kept | None = None  # the list whose slots the memory is in
+    drawn: dict | None = (
+        None  # of a copy: the state that the random numbers, which it shares, had then
+    )
 
     def copy(self) -> "State":
         """The same, to go back to; what is never changed in place is shared."""
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
-            self.walls.copy(), self.memory, *rows, deepcopy(self.rng),
-            tuple(map(copy, self.feeders)), self.ledger.copy(), copy(self.counters), self.kept,
+            self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
+            self.ledger.copy(), copy(self.counters), self.kept, self.rng.bit_generator.state,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
         """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
         self.walls[:] = earlier.walls
-        self.memory, self.rng, self.feeders = earlier.memory, earlier.rng, earlier.feeders
+        self.memory, self.feeders = earlier.memory, earlier.feeders
+        self.rng.bit_generator.state = earlier.drawn
         self.previous, self.remainder = earlier.previous, earlier.remainder
         self.kept = earlier.kept
         vars(self.ledger).update(vars(earlier.ledger))
@@ -330,10 +334,7 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            for row, new in zip(
-                at[BOOKED], by_row(here)[BOOKED], strict=True
-            ):  # faster than at once
-                row[self.packed.number] = new.ravel()[: len(self.packed.number)]
+            take_booked(at, self.packed.number, here)
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -367,11 +368,18 @@ class Advance:
         self._begin()
         if len(leaving):
             self._change_anew()
-            stock = floe_stock(self.floes, leaving, self.density)
+            stock = floe_stock(self.floes, self._among(leaving), self.density)
             stock[3] -= self.elastic_energy() - elastic
             self.state.ledger.book("outflow", *-stock)
         if len(new):
-            self.state.ledger.book("inflow", *floe_stock(self.floes, new, self.density))
+            stock = floe_stock(self.floes, self._among(new), self.density)
+            self.state.ledger.book("inflow", *stock)
+
+    def _among(self, number: np.ndarray) -> np.ndarray:
+        """Which floes are those of these numbers, (n,) bool."""
+        among = np.zeros(len(self.floes), bool)
+        among[number] = True
+        return among
 
     def _change_anew(self) -> None:
         """The change of forces that `taylor3` reads begins anew, with those among the floes that are here.
@@ -398,6 +406,8 @@ class Advance:
     def _leaving(self) -> np.ndarray:
         """The numbers of those beyond an inactive edge, who leave for good."""
         floes, domain = self.floes, self.domain
+        if "inactive" not in (domain.west, domain.east, domain.south, domain.north):
+            return np.empty(0, np.int64)
         gone = np.zeros(len(floes), bool)
         for place, (low, high), edges in (
             (floes.x, domain.x, (domain.west, domain.east)),
@@ -490,13 +500,12 @@ class Advance:
         n = len(p.number)
         if not self.forces or not n:
             return np.ones(n // BLOCK + 1, np.int64)
-        speed = float(np.sqrt((p.floes.u**2 + p.floes.v**2).max()))
+        _, fastest, _, _ = pace(p.floes, p.mass)
         spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
-        here = [by_row(at) for at in self.here]
-        speed = speed_bound(self.forces, here, speed)
-        rate = np.zeros(here[0].shape[1:])
-        for force, at in zip(self.forces, here, strict=True):
-            rate += fastest_rate(force, at, speed, spin)
+        speed = speed_bound(self.forces, self.here, np.sqrt(fastest))
+        rate = np.zeros((len(self.here[0]), BLOCK))
+        for force, at in zip(self.forces, self.here, strict=True):
+            add_fastest_rate(force, at, speed, spin, rate)
         held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
         if p.inverse_spin is not None:
             held = held[p.inverse_spin[held] == 0.0]
@@ -533,26 +542,27 @@ class Advance:
         floes = self.packed.floes
         if not len(floes):
             return
-        with np.errstate(over="ignore"):
-            speed = np.sqrt(floes.u**2 + floes.v**2)
+        total, _, by_radius, energy = pace(floes, self.packed.mass)
+        turning = () if self.packed.spinning is None else (floes.omega, self.packed.angle)
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
-        moving = speed, floes.x, floes.y
-        moving += () if self.packed.spinning is None else (floes.omega, self.packed.angle)
-        if not all(map(all_finite, moving)):
+        if not (np.isfinite(total) and all(map(all_finite, turning))):
+            with np.errstate(over="ignore"):
+                moving = floes.x, floes.y, floes.u**2 + floes.v**2, *turning
             wild = ~np.isfinite(moving).all(axis=0)
-            floe = self.packed.number[np.argmax(wild)]
-            raise StabilityError(
-                f"floe {floe}: position or velocity is no longer finite {at}; "
-                f"a step of {0.5 * dt:g} s may hold"
-            )
-        self.liveliest = max(self.liveliest, 0.5 * float(self.packed.mass @ speed**2))
-        if self.contact is not None:
-            way = speed * dt / floes.r
-            worst = int(np.argmax(way))
-            if way[worst] > 0.5:
+            if wild.any():
                 raise StabilityError(
-                    f"floe {self.packed.number[worst]}: moves {way[worst]:.2g} of its radius in one step "
-                    f"({speed[worst]:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way[worst]:.2g} s would hold"
+                    f"floe {self.packed.number[np.argmax(wild)]}: position or velocity is no longer "
+                    f"finite {at}; a step of {0.5 * dt:g} s may hold"
+                )
+        self.liveliest = max(self.liveliest, 0.5 * energy)
+        if self.contact is not None:
+            if np.sqrt(by_radius) * dt > 0.5:
+                speed = np.sqrt(floes.u**2 + floes.v**2)
+                worst = int(np.argmax(speed / floes.r))
+                way = speed[worst] * dt / floes.r[worst]
+                raise StabilityError(
+                    f"floe {self.packed.number[worst]}: moves {way:.2g} of its radius in one step "
+                    f"({speed[worst]:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way:.2g} s would hold"
                 )
             if self.contact.failure is None:  # else floes raft: one lies over the other
                 self._check_overlaps(at)
@@ -589,7 +599,7 @@ class Advance:
 
     def stock(self) -> np.ndarray:
         """Mass, momentum and energy of the ice now."""
-        stock = floe_stock(self.floes, np.flatnonzero(self.floes.active), self.density)
+        stock = floe_stock(self.floes, self.floes.active, self.density)
         stock[3] += self.elastic_energy()
         return stock
 
@@ -620,13 +630,10 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
         values[new] = mean * np.exp(width * rng.standard_normal(len(new)) - 0.5 * width**2)
 
 
-def floe_stock(floes: Floes, number: np.ndarray, density: float) -> np.ndarray:
-    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
-    number = number[~floes.land[number]]
-    mass = floes.mass(density)[number]
-    u, v = floes.u[number], floes.v[number]
-    energy = 0.5 * (mass * (u**2 + v**2)).sum()
+def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
+    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
+    mass = np.where(of & ~floes.land, floes.mass(density), 0.0)
+    energy = 0.5 * (mass * (floes.u**2 + floes.v**2)).sum()
     if floes.rotation:
-        inertia = floes.moment_of_inertia(density)[number]
-        energy += 0.5 * (inertia * floes.angular_velocity[number] ** 2).sum()
-    return np.array([mass.sum(), (mass * u).sum(), (mass * v).sum(), energy])
+        energy += 0.25 * (mass * (floes.radius * floes.angular_velocity) ** 2).sum()  # J = m r²/2
+    return np.array([mass.sum(), (mass * floes.u).sum(), (mass * floes.v).sum(), energy])

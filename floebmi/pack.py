@@ -115,22 +115,17 @@ def pack(
     n = len(number)
     rotation = floes.rotation
     records = _lines(n, SPINNING if rotation else MOVING)
-    bits = floes.motion[number]
-    mass = floes.mass(density)[number]
-    radius = floes.radius[number]
-    inverse = 1.0 / mass
-    inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
-    inverse_y = np.where(bits & FIXED_Y, 0.0, inverse)
+    bits, mass = floes.motion[number], floes.mass(density)[number]
+    inverse_x, inverse_y = np.empty((2, n))
     _fill(
-        records, first_x, first_y, radius, np.maximum(inverse_x, inverse_y),
-        number, floes.thickness, floes.u, floes.v,
+        records, first_x, first_y, number, bits, mass, floes.radius, floes.thickness, floes.u, floes.v,
+        inverse_x, inverse_y,
     )  # fmt: skip
     inertia = inverse_spin = angle = None
     if rotation:
-        records["omega"] = floes.angular_velocity[number]
-        inertia = 0.5 * mass * radius**2
-        inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
+        inertia, inverse_spin = np.empty((2, n))
         angle = floes.angle[number]
+        _fill_spin(records, number, bits, mass, floes.angular_velocity, inertia, inverse_spin)
     force = _lines(n, FORCE_AND_TORQUE if rotation else FORCE)
     return Packed(
         records,
@@ -155,37 +150,62 @@ def pack(
 
 
 @in_place
-def _fill(records, x, y, r, w, number, h, u, v):
+def _fill(records, x, y, number, bits, mass, r, h, u, v, inverse_x, inverse_y):
     """Write records one after the other: column by column each would be fetched many times."""
     for k in range(number.size):
-        floe = number[k]
+        floe, record = np.uintp(number[k]), records[k]
+        inverse = 1.0 / mass[k]
+        inverse_x[k] = 0.0 if bits[k] & FIXED_X else inverse
+        inverse_y[k] = 0.0 if bits[k] & FIXED_Y else inverse
+        record.x, record.y, record.u, record.v = x[k], y[k], u[floe], v[floe]
+        record.r, record.h, record.w = r[floe], h[floe], max(inverse_x[k], inverse_y[k])
+
+
+@in_place
+def _fill_spin(records, number, bits, mass, omega, inertia, inverse_spin):
+    for k in range(number.size):
         record = records[k]
-        record.x, record.y, record.r, record.w = x[k], y[k], r[k], w[k]
-        record.h, record.u, record.v = h[floe], u[floe], v[floe]
+        record.omega = omega[np.uintp(number[k])]
+        inertia[k] = 0.5 * mass[k] * record.r * record.r
+        inverse_spin[k] = 0.0 if bits[k] & FIXED_ROTATION else 1.0 / inertia[k]
 
 
 def unpack(
     packed: Packed, floes: Floes, previous: np.ndarray | None, remainder: np.ndarray | None
 ) -> None:
     """Copy what moved back into the floes."""
-    number, records = packed.number, packed.floes
-    for axis, (place, now, first, origin) in enumerate(
-        (
-            (floes.x, records.x, packed.first_x, packed.origin_x),
-            (floes.y, records.y, packed.first_y, packed.origin_y),
-        )
-    ):
-        moved = now != first  # one that did not move keeps its place to the bit
-        of = number[moved]
-        place[of] = now[moved] + origin
-        if remainder is not None:
+    p, number = packed, packed.number
+    _put_back(
+        p.floes, number, p.first_x, p.first_y, p.origin_x, p.origin_y, floes.x, floes.y, floes.u, floes.v
+    )  # fmt: skip
+    if (
+        remainder is not None
+    ):  # not in a kernel, whose compiler would find that rounding takes nothing
+        for axis, (place, now, first, origin) in enumerate(
+            (
+                (floes.x, p.floes.x, p.first_x, p.origin_x),
+                (floes.y, p.floes.y, p.first_y, p.origin_y),
+            )
+        ):
+            moved = now != first
+            of = number[moved]
             remainder[of, axis] = now[moved] - (place[of] - origin)
-    floes.u[number], floes.v[number] = records.u, records.v
-    if packed.spinning is not None:
-        floes.angle[number] = packed.angle
-        floes.angular_velocity[number] = records.omega
+    if p.spinning is not None:
+        floes.angle[number] = p.angle
+        floes.angular_velocity[number] = p.floes.omega
     if previous is not None:
-        previous[number] = packed.previous
+        previous[number] = p.previous
+
+
+@in_place
+def _put_back(records, number, first_x, first_y, origin_x, origin_y, x, y, u, v):
+    for k in range(number.size):
+        floe, record = np.uintp(number[k]), records[k]
+        if record.x != first_x[k]:  # one that did not move keeps its place to the bit
+            x[floe] = record.x + origin_x
+        if record.y != first_y[k]:
+            y[floe] = record.y + origin_y
+        u[floe], v[floe] = record.u, record.v
 
 
 def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
@@ -507,17 +527,35 @@ def deepest(period_x, period_y, floes, pair_i, pair_j):
     return which, deepest_share
 
 
-def strayed(floes: np.ndarray, x: np.ndarray, y: np.ndarray, keep_still: bool) -> float:
+@in_place
+def pace(floes, mass):
+    """A sum that is finite if all places and velocities are; largest speed², and (speed/r)²; twice the energy."""
+    total, fastest, by_radius, energy = 0.0, 0.0, 0.0, 0.0
+    for k in range(floes.size):
+        floe = floes[k]
+        speed2 = floe.u * floe.u + floe.v * floe.v
+        total += abs(floe.x) + abs(floe.y) + speed2
+        fastest = max(fastest, speed2)
+        by_radius = max(by_radius, speed2 / (floe.r * floe.r))
+        energy += mass[k] * speed2
+    return total, fastest, by_radius, energy
+
+
+@in_place
+def strayed(floes, x, y, keep_still):
     """Largest way of a floe from x, y, relative to the pack's common drift [m].
 
     keep_still : there are walls or edges, which do not drift along
     """
-    if not len(floes):
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for k in range(floes.size):
+        along_x, along_y = floes[k].x - x[k], floes[k].y - y[k]
+        west, east = min(west, along_x), max(east, along_x)
+        south, north = min(south, along_y), max(north, along_y)
+    if floes.size == 0:
         return 0.0
-    ways = floes.x - x, floes.y - y
-    return float(np.sqrt(sum(_half_range(way, keep_still) ** 2 for way in ways)))
-
-
-def _half_range(way: np.ndarray, keep_still: bool) -> float:
-    low, high = float(way.min()), float(way.max())
-    return max(abs(low), abs(high)) if keep_still else 0.5 * (high - low)
+    if keep_still:
+        along_x, along_y = max(abs(west), abs(east)), max(abs(south), abs(north))
+    else:
+        along_x, along_y = 0.5 * (east - west), 0.5 * (north - south)
+    return np.sqrt(along_x * along_x + along_y * along_y)
