@@ -6,9 +6,8 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 
 import math
 from collections.abc import Sequence
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass, field
-from itertools import repeat
 
 import numpy as np
 
@@ -29,14 +28,13 @@ from floebmi.dynamics import (
 from floebmi.errors import StabilityError
 from floebmi.floes import Floes
 from floebmi.forces import (
-    BOOKED,
     FORCE_BUFFER,
     Force,
+    add_fastest_rate,
     at_floes,
     by_block,
-    by_row,
-    fastest_rate,
     speed_bound,
+    take_booked,
     without_fluid,
 )
 from floebmi.kept import Kept, Marks, Memory
@@ -96,19 +94,23 @@ class State:
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
     kept: Kept | None = None  # the list whose slots the memory is in
+    drawn: dict | None = (
+        None  # of a copy: the state that the random numbers, which it shares, had then
+    )
 
     def copy(self) -> "State":
         """The same, to go back to; what is never changed in place is shared."""
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
-            self.walls.copy(), self.memory, *rows, deepcopy(self.rng),
-            tuple(map(copy, self.feeders)), self.ledger.copy(), copy(self.counters), self.kept,
+            self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
+            self.ledger.copy(), copy(self.counters), self.kept, self.rng.bit_generator.state,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
         """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
         self.walls[:] = earlier.walls
-        self.memory, self.rng, self.feeders = earlier.memory, earlier.rng, earlier.feeders
+        self.memory, self.feeders = earlier.memory, earlier.feeders
+        self.rng.bit_generator.state = earlier.drawn
         self.previous, self.remainder = earlier.previous, earlier.remainder
         self.kept = earlier.kept
         vars(self.ledger).update(vars(earlier.ledger))
@@ -268,27 +270,27 @@ class Advance:
     def _begin(self) -> None:
         """What steps need besides the list."""
         self.here = tuple(by_block(at, self.packed.number) for at in self.at)
-        rate = np.zeros(-(-len(self.packed.number) // BLOCK) * BLOCK)
-        rate[: len(self.packed.number)] = self.rate[self.packed.number]
-        self.block_rate = rate.reshape(-1, BLOCK).max(axis=1)
+        self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
 
     def _rate_of_forces(self) -> np.ndarray:
-        """Bound on |J| of the other forces [1/s] for each floe by its number: it sets their sub-steps."""
-        p, rate = self.packed, np.zeros(len(self.floes))
-        if not self.forces or not len(p.number) or self.step.scheme != "verlet":
-            return rate
-        u, v = p.floes["u"], p.floes["v"]
-        speed = math.sqrt((u * u + v * v).max())
-        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning["omega"]).max())
-        here = [at.take(p.number, axis=1) for at in self.at]
-        speed = speed_bound(self.forces, here, speed)
-        rate[p.number] = sum(map(fastest_rate, self.forces, here, repeat(speed), repeat(spin)))
+        """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
+        p = self.packed
+        n = len(p.number)
+        if not self.forces or not n or self.step.scheme != "verlet":
+            return np.zeros(n // BLOCK + 1)
+        u, v = p.floes.u, p.floes.v
+        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
+        speed = speed_bound(self.forces, self.here, math.sqrt((u * u + v * v).max()))
+        rate = np.zeros((len(self.here[0]), BLOCK))
+        for force, at in zip(self.forces, self.here, strict=True):
+            add_fastest_rate(force, at, speed, spin, rate)
         held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
         if p.inverse_spin is not None:
             held = held[p.inverse_spin[held] == 0.0]
-        rate[p.number[held]] = 0.0
-        return rate
+        rate.flat[held] = 0.0
+        rate.flat[n:] = 0.0
+        return rate.max(axis=1)
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
         """From where on floes and walls stray: no more than they have room for until the list is stale.
@@ -307,7 +309,7 @@ class Advance:
         """At most so far apart may floes be from where they were marked, by a sum over exchanges."""
         _, _, walls, before = self.marked
         apart = np.abs(self.state.walls.position - walls).max(initial=0.0)
-        return before + max(seen.strayed(self.still), float(apart))
+        return before + max(seen.strayed, float(apart))
 
     def _stray_on(self) -> bool:
         """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
@@ -355,10 +357,7 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            for row, new in zip(
-                at[BOOKED], by_row(here)[BOOKED], strict=True
-            ):  # faster than at once
-                row[self.packed.number] = new.ravel()[: len(self.packed.number)]
+            take_booked(at, self.packed.number, here)
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -392,11 +391,18 @@ class Advance:
         self._begin()
         if len(leaving):
             self._change_anew()
-            stock = floe_stock(self.floes, leaving, self.density)
+            stock = floe_stock(self.floes, self._among(leaving), self.density)
             stock[3] -= self.elastic_energy() - elastic
             self.state.ledger.book("outflow", *-stock)
         if len(new):
-            self.state.ledger.book("inflow", *floe_stock(self.floes, new, self.density))
+            stock = floe_stock(self.floes, self._among(new), self.density)
+            self.state.ledger.book("inflow", *stock)
+
+    def _among(self, number: np.ndarray) -> np.ndarray:
+        """Which floes are those of these numbers, (n,) bool."""
+        among = np.zeros(len(self.floes), bool)
+        among[number] = True
+        return among
 
     def _change_anew(self) -> None:
         """The change of forces that `taylor3` reads begins anew, with those among the floes that are here.
@@ -423,6 +429,8 @@ class Advance:
     def _leaving(self) -> np.ndarray:
         """The numbers of those beyond an inactive edge, who leave for good."""
         floes, domain = self.floes, self.domain
+        if "inactive" not in (domain.west, domain.east, domain.south, domain.north):
+            return np.empty(0, np.int64)
         gone = np.zeros(len(floes), bool)
         for place, (low, high), edges in (
             (floes.x, domain.x, (domain.west, domain.east)),
@@ -446,7 +454,6 @@ class Advance:
             )  # fmt: skip
             # fluids are read once an exchange: a floe that comes in between meets them at the next
             self.at[k] = np.concatenate([self.at[k], without_fluid(more)], axis=1)
-        self.rate = np.append(self.rate, np.zeros(count))
 
     # ---- stepping ----------------------------------------------------------------------------------
 
@@ -464,7 +471,6 @@ class Advance:
         The floes must be as they were when `look` looked; a second run needs another look.
         """
         self.at, self.time = list(at), time
-        self.rate = self._rate_of_forces()
         self._begin()
         leaving, new = self._come_and_go()
         if len(leaving) or len(new):
@@ -490,7 +496,7 @@ class Advance:
             n = self._kernel(dt, steps - taken)
             taken += n
             self._count(n, dt)
-            seen = Survey(*survey(self.packed, *self.marked[:2]))
+            seen = Survey(*survey(self.packed, *self.marked[:2], self.still))
             self._check(seen, dt, done + taken * dt)
             self.travelled = self._strayed(seen)
             if self.travelled > NEARLY * self._reach():
@@ -519,7 +525,7 @@ class Advance:
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
         else:
-            parts = np.ceil(self.block_rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
+            parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
             rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
@@ -552,9 +558,9 @@ class Advance:
             )
         self.liveliest = max(self.liveliest, seen.energy)
         if self.contact is not None:
-            way = seen.fastest * dt
+            way = seen.pace * dt
             if way > 0.5:
-                speed = seen.fastest * p.floes[seen.which].r
+                speed = seen.pace * p.floes[seen.which].r
                 raise StabilityError(
                     f"floe {p.number[seen.which]}: moves {way:.2g} of its radius in one step "
                     f"({speed:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way:.2g} s would hold"
@@ -594,7 +600,7 @@ class Advance:
 
     def stock(self) -> np.ndarray:
         """Mass, momentum and energy of the ice now."""
-        stock = floe_stock(self.floes, np.flatnonzero(self.floes.active), self.density)
+        stock = floe_stock(self.floes, self.floes.active, self.density)
         stock[3] += self.elastic_energy()
         return stock
 
@@ -625,13 +631,10 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
         values[new] = mean * np.exp(width * rng.standard_normal(len(new)) - 0.5 * width**2)
 
 
-def floe_stock(floes: Floes, number: np.ndarray, density: float) -> np.ndarray:
-    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
-    number = number[~floes.land[number]]
-    mass = floes.mass(density)[number]
-    u, v = floes.u[number], floes.v[number]
-    energy = 0.5 * (mass * (u**2 + v**2)).sum()
+def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
+    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
+    mass = np.where(of & ~floes.land, floes.mass(density), 0.0)
+    energy = 0.5 * (mass * (floes.u**2 + floes.v**2)).sum()
     if floes.rotation:
-        inertia = floes.moment_of_inertia(density)[number]
-        energy += 0.5 * (inertia * floes.angular_velocity[number] ** 2).sum()
-    return np.array([mass.sum(), (mass * u).sum(), (mass * v).sum(), energy])
+        energy += 0.25 * (mass * (floes.radius * floes.angular_velocity) ** 2).sum()  # J = m r²/2
+    return np.array([mass.sum(), (mass * floes.u).sum(), (mass * floes.v).sum(), energy])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from floebmi.kernels import BLOCK, IN_PLACE, dispatched, inner
+from floebmi.kernels import BLOCK, IN_PLACE, dispatched, in_place, inner
 from floebmi.quantities import NonNegative, Positive
 
 
@@ -126,7 +126,6 @@ def bulk_coefficient(drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.nda
 # the sea surface [1]; K/m [1/m] of drag; half the curl of the fluid [1/s] and K/J [1] of its torque.
 X, Y, WORK, FLUID_U, FLUID_V, RATE, HALF_CURL, SPIN_RATE = range(8)
 PARAMETER = 3  # the Coriolis parameter [1/s], instead of a fluid
-BOOKED = slice(X, WORK + 1)
 
 
 def at_floes(
@@ -157,6 +156,14 @@ def at_floes(
             arm = radius * force.horizontal / 5 + side * force.vertical
             at[SPIN_RATE] = 2 * force.density * arm / mass_per_area
     return at
+
+
+def unused(at: np.ndarray) -> np.ndarray:
+    """A table for another exchange: nothing booked, what the floes are like, and room for what the fluids are."""
+    new = np.empty_like(at)
+    new[: WORK + 1] = 0.0
+    new[RATE:] = at[RATE:]
+    return new
 
 
 def without_fluid(at: np.ndarray) -> np.ndarray:
@@ -273,41 +280,71 @@ def _(force: AirDrag, at, k, omega):
 
 
 def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: float) -> float:
-    """Bound on the speed [m/s] that floes moving at `speed` can reach: fluids drag them no faster."""
+    """Bound on the speed [m/s] that floes moving at `speed` can reach: fluids drag them no faster.
+
+    at : tables by block
+    """
     water, wind, push = 0.0, 0.0, 0.0
-    drag, wind_drag = 0.0, 0.0
+    drag, wind_drag = np.inf, 0.0
     for force, here in zip(forces, at, strict=True):
         if isinstance(force, OceanDrag):
-            water, drag = _fastest(here), here[RATE][here[RATE] > 0].min(initial=np.inf)
+            water, drag, _ = _range(here)
         elif isinstance(force, AirDrag):
-            wind, wind_drag = _fastest(here), here[RATE].max(initial=0.0)
+            wind, _, wind_drag = _range(here)
         elif isinstance(force, Tilt):
-            push += force.gravity * _fastest(here)
+            push += force.gravity * _range(here)[0]
         elif isinstance(force, BodyForce):
             push += float(np.hypot(force.x, force.y))
-    if drag > 0 and np.isfinite(drag):  # ocean drag balances wind and the rest
+    if np.isfinite(drag):  # ocean drag balances wind and the rest
         driven = np.sqrt((wind_drag * wind**2 + push) / drag)
         return max(speed, water) + float(min(driven, wind) if not push else driven)
     return max(speed, wind)
 
 
-def _fastest(at: np.ndarray) -> float:
-    """Largest speed of a fluid at the floes."""
-    return float(np.sqrt((at[FLUID_U] ** 2 + at[FLUID_V] ** 2).max(initial=0.0)))
+@in_place
+def _range(at):
+    """Largest speed of a fluid at the floes; smallest rate of its drag above 0 (or inf), and largest."""
+    fastest2, least, most = 0.0, np.inf, 0.0
+    for block in range(at.shape[0]):
+        here = at[block]
+        for k in range(BLOCK):
+            u, v = row(here, FLUID_U, k), row(here, FLUID_V, k)
+            fastest2 = max(fastest2, u * u + v * v)
+        if here.size > RATE * BLOCK:
+            for k in range(BLOCK):
+                rate = row(here, RATE, k)
+                least = min(least, rate if rate > 0.0 else np.inf)
+                most = max(most, rate)
+    return np.sqrt(fastest2), least, most
 
 
-def fastest_rate(force: Force, at: np.ndarray, speed: float, spin: float) -> np.ndarray | float:
-    """Bound on |J| [1/s] of each floe while none moves faster than `speed` or spins faster than `spin`."""
+def add_fastest_rate(
+    force: Force, at: np.ndarray, speed: float, spin: float, rate: np.ndarray
+) -> None:
+    """Add a bound on |J| [1/s] of each floe while none moves faster than `speed` or spins faster than `spin`.
+
+    at : table by block; rate : (blocks, BLOCK)
+    """
     if isinstance(force, OceanDrag | AirDrag):
-        rate = 2 * (speed + np.sqrt(at[FLUID_U] ** 2 + at[FLUID_V] ** 2)) * at[RATE]
-        if len(at) > SPIN_RATE:
-            rate = np.maximum(rate, 2 * (spin + np.abs(at[HALF_CURL])) * at[SPIN_RATE])
-        return rate
-    if isinstance(force, Coriolis):
-        return abs(force.parameter)
-    if isinstance(force, CoriolisField):
-        return np.abs(at[PARAMETER])
-    return 0.0
+        _add_fastest_drag(at, speed, spin, rate)
+    elif isinstance(force, Coriolis):
+        rate += abs(force.parameter)
+    elif isinstance(force, CoriolisField):
+        rate += np.abs(at[:, PARAMETER * BLOCK :])
+
+
+@in_place
+def _add_fastest_drag(at, speed, spin, rate):
+    for block in range(at.shape[0]):
+        here, fastest = at[block], rate[block]
+        turns = here.size > SPIN_RATE * BLOCK
+        for k in range(BLOCK):
+            u, v = row(here, FLUID_U, k), row(here, FLUID_V, k)
+            drag = 2.0 * (speed + np.sqrt(u * u + v * v)) * row(here, RATE, k)
+            if turns:
+                twist = 2.0 * (spin + abs(row(here, HALF_CURL, k))) * row(here, SPIN_RATE, k)
+                drag = max(drag, twist)
+            fastest[k] += drag
 
 
 # ---- the sum over the forces that a scene lists: unrolled by the compiler, nothing for none ---------
@@ -325,16 +362,30 @@ def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
 
     The last floe fills up the last block.
     """
-    n = len(number)
-    floes = number[np.minimum(np.arange(n + -n % BLOCK), n - 1)].reshape(-1, BLOCK)
-    blocks = np.empty((len(floes), len(at), BLOCK))
-    blocks[:] = at.take(floes, axis=1).transpose(1, 0, 2)
-    return blocks.reshape(len(floes), len(at) * BLOCK)
+    blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
+    _into_blocks(at, number, blocks)
+    return blocks
 
 
-def by_row(blocks: np.ndarray) -> np.ndarray:
-    """The table again, a view of shape (rows, blocks, BLOCK)."""
-    return blocks.reshape(len(blocks), blocks.shape[1] // BLOCK, BLOCK).transpose(1, 0, 2)
+@in_place
+def _into_blocks(at, number, blocks):
+    last = number.size - 1
+    for block in range(blocks.shape[0]):
+        here = blocks[block]
+        for name in range(at.shape[0]):
+            values = at[name]
+            for k in range(BLOCK):
+                floe = np.uintp(number[min(block * BLOCK + k, last)])
+                here[np.uintp(name * BLOCK + k)] = values[floe]
+
+
+@in_place
+def take_booked(at, number, blocks):
+    """Put impulses and work of the blocks back into the table that they were made of."""
+    for k in range(number.size):
+        floe, here = np.uintp(number[k]), blocks[k // BLOCK]
+        for name in range(WORK + 1):
+            at[name, floe] = row(here, name, k % BLOCK)
 
 
 def for_each(body: Callable) -> Callable:

@@ -28,6 +28,15 @@ FLAT = 1e-12  # a cell whose area is below this times its diameter squared has n
 SLOTS_PER_COLUMN = 16  # upper bound on the table along an axis, for strongly stretched edges
 
 
+class Axes(NamedTuple):
+    """The grid lines of a rectilinear grid, and look-up tables for `column`."""
+
+    x: np.ndarray  # (nx + 1,) [m]
+    x_first: np.ndarray
+    y: np.ndarray  # (ny + 1,) [m]
+    y_first: np.ndarray
+
+
 class Bins(NamedTuple):
     """A raster of bins over the grid; bin b lists the cells cell[start[b]:start[b + 1]].
 
@@ -333,11 +342,11 @@ class Grid:
         return _corner(self.node_y, self.face_nodes)
 
     @functools.cached_property
-    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Edges and look-up table along x, then along y, for `column` (rectilinear grids)."""
+    def axes(self) -> Axes:
+        """Grid lines with their look-up tables (rectilinear grids)."""
         if self.x_edges is None or self.y_edges is None:
             raise InputError(f"grid: kind {self.kind!r} has no edges; only rectilinear grids have")
-        return self.x_edges, _slots(self.x_edges), self.y_edges, _slots(self.y_edges)
+        return Axes(self.x_edges, _slots(self.x_edges), self.y_edges, _slots(self.y_edges))
 
     @functools.cached_property
     def bins(self) -> Bins:

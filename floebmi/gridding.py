@@ -292,7 +292,7 @@ def branch_shares(
     counts once, and all pieces add up to the branch; those outside the grid are left out.
     """
     half_x, half_y = 0.5 * dx, 0.5 * dy
-    _, branch, image_x, image_y = images(
+    branch, image_x, image_y = images(
         grid, x + half_x, y + half_y, np.abs(half_x), np.abs(half_y), period
     )
     dx, dy = dx[branch], dy[branch]

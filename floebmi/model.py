@@ -48,6 +48,7 @@ from floebmi.forces import (
     Y,
     at_floes,
     bulk_coefficient,
+    unused,
 )
 from floebmi.grid import Grid
 from floebmi.gridding import (
@@ -133,7 +134,12 @@ class Fluid:
     def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Magnitude and coefficient, found once somebody asks: few hosts do."""
         if self._given is not None:
-            sizes_of_drag(*self._given, self.grid.area, *self._sizes)
+            w, at, floes, density = self._given
+            mass = np.where(floes.active, floes.mass(density), 0.0)
+            sizes_of_drag(
+                w.start, w.cell, w.weight, at[X], at[Y], at[FLUID_U], at[FLUID_V], floes.u, floes.v,
+                at[RATE], mass, self.grid.area, *self._sizes,
+            )  # fmt: skip
             self._given = None
         return self._sizes
 
@@ -399,7 +405,7 @@ class Model:
         if seen is not self._left:
             self.floes.check()
             self._tables = self._allocate()
-        self._at = tuple(table.copy() for table in self._tables)
+        self._at = tuple(map(unused, self._tables))
         weights = self._sample(seen)
         known = len(self.floes)
         advance = self._now(seen)
@@ -417,7 +423,7 @@ class Model:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        self._give_back(weights, known)
+        self._give_back(weights)
         if len(self.floes) != known:
             self._tables = self._allocate()
         self._left = self._seen = _Seen(self._state.kept.floes)
@@ -515,9 +521,9 @@ class Model:
     def _sample(self, seen: _Seen) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
-        reads: dict[
-            int, list[tuple[np.ndarray, np.ndarray]]
-        ] = {}  # field and where it goes, by grid
+        nowhere: dict[int, np.ndarray] = {}  # floes that find no wet cell
+        # field and where it goes
+        reads: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             fluid = self._fluid_of(force)
             if fluid is None:
@@ -525,6 +531,7 @@ class Model:
             grid = id(fluid.grid)
             if grid not in weights:
                 weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
+                nowhere[grid] = np.flatnonzero(without_cell(weights[grid]))
             if isinstance(force, CoriolisField):
                 reads[grid] += [(fluid.coriolis, at[PARAMETER])]
                 continue
@@ -532,13 +539,15 @@ class Model:
                 reads[grid] += [(fluid.tilt_x, at[FLUID_U]), (fluid.tilt_y, at[FLUID_V])]
                 continue
             reads[grid] += [(fluid.u, at[FLUID_U]), (fluid.v, at[FLUID_V])]
-            nowhere = without_cell(weights[grid])
-            at[RATE, nowhere] = 0.0  # no water, no drag
+            at[RATE, nowhere[grid]] = 0.0  # no water, no drag
             if len(at) > SPIN_RATE:
-                reads[grid] += [(0.5 * fluid.vorticity(), at[HALF_CURL])]
-                at[SPIN_RATE, nowhere] = 0.0
+                reads[grid] += [(fluid.vorticity(), at[HALF_CURL])]
+                at[SPIN_RATE, nowhere[grid]] = 0.0
         for grid, each in reads.items():
             gather_each(weights[grid], *zip(*each, strict=True))
+        for at in self._at:
+            if len(at) > SPIN_RATE:
+                at[HALF_CURL] *= 0.5
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -550,25 +559,23 @@ class Model:
         """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            self._state.ledger.book(name, x=at[X].sum(), y=at[Y].sum(), energy=at[WORK].sum())
+            x, y, work = at[: WORK + 1].sum(axis=1)
+            self._state.ledger.book(name, x=x, y=y, energy=work)
 
-    def _give_back(self, weights: dict[int, Weights], known: int) -> None:
+    def _give_back(self, weights: dict[int, Weights]) -> None:
         """The fluids get the opposite of the impulse that their drag gave."""
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             fluid = self._fluid_of(force)
             w = weights[id(fluid.grid)]
-            rows, impulse = (w.start, w.cell, w.weight), (at[X, :known], at[Y, :known])
-            give_back(*rows, *impulse, fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y)
+            give_back(
+                w.start, w.cell, w.weight, at[X], at[Y], fluid.last_x, fluid.last_y,
+                fluid.impulse_x, fluid.impulse_y,
+            )  # fmt: skip
             if isinstance(force, OceanDrag):
-                left = self._state.kept.floes
-                mass = np.where(left.active, left.mass(self.ice_density), 0.0)
-                moving = at[FLUID_U], at[FLUID_V], left.u, left.v, at[RATE], mass
-                fluid._given = (*rows, *impulse, *moving)
-            lost = np.flatnonzero(without_cell(w))
-            for axis, values in enumerate((at[X], at[Y])):
-                fluid.undelivered[axis] -= values[lost].sum()
+                fluid._given = w, at, self._state.kept.floes, self.ice_density
+            fluid.undelivered -= at[: Y + 1, np.flatnonzero(without_cell(w))].sum(axis=1)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""

@@ -96,7 +96,9 @@ def sort_in_space(x, y, reach):
     nx, ny = _cell_counts(long_x, long_y, 2.0 * reach.mean(), x.size)
     cell = np.empty(x.size, np.int32)
     for k in range(x.size):
-        cell[k] = nx * _clipped(y[k] - south, long_y / ny, ny) + _clipped(x[k] - west, long_x / nx, nx)
+        cell[k] = nx * _clipped(y[k] - south, long_y / ny, ny) + _clipped(
+            x[k] - west, long_x / nx, nx
+        )
     return _counting_sort(cell, nx * ny)[1]
 
 

@@ -4,7 +4,6 @@ All that a contact reads of a floe is one record of 64 bytes.  Which fields and 
 laws: a spin only with friction or a torque.  What is not needed is None, which the kernels compile to nothing.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -185,14 +184,16 @@ def unpack(
 ) -> None:
     """Copy what moved back into the floes."""
     p, number = packed, packed.number
-    _return(
+    _put_back(
         p.floes, number, p.first_x, p.first_y, p.origin_x, p.origin_y, floes.x, floes.y, floes.u, floes.v
-    )
-    if remainder is not None:  # not in a kernel: fast mathematics would make it zero
-        for axis, (now, first, origin, place) in enumerate(
+    )  # fmt: skip
+    if (
+        remainder is not None
+    ):  # not in a kernel: its compiler would find that rounding takes nothing
+        for axis, (place, now, first, origin) in enumerate(
             (
-                (p.floes["x"], p.first_x, p.origin_x, floes.x),
-                (p.floes["y"], p.first_y, p.origin_y, floes.y),
+                (floes.x, p.floes.x, p.first_x, p.origin_x),
+                (floes.y, p.floes.y, p.first_y, p.origin_y),
             )
         ):
             moved = now != first
@@ -200,20 +201,20 @@ def unpack(
             remainder[of, axis] = now[moved] - (place[of] - origin)
     if p.spinning is not None:
         floes.angle[number] = p.angle
-        floes.angular_velocity[number] = p.spinning["omega"]
+        floes.angular_velocity[number] = p.floes.omega
     if previous is not None:
         previous[number] = p.previous
 
 
 @in_place
-def _return(records, number, first_x, first_y, origin_x, origin_y, x, y, u, v):
+def _put_back(records, number, first_x, first_y, origin_x, origin_y, x, y, u, v):
     for k in range(number.size):
-        floe, record = number[k], records[k]
-        u[floe], v[floe] = record.u, record.v
+        floe, record = np.uintp(number[k]), records[k]
         if record.x != first_x[k]:  # one that did not move keeps its place to the bit
             x[floe] = record.x + origin_x
         if record.y != first_y[k]:
             y[floe] = record.y + origin_y
+        u[floe], v[floe] = record.u, record.v
 
 
 def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
@@ -532,54 +533,49 @@ def deepest(period_x, period_y, floes, pair_i, pair_j):
 
 
 class Survey(NamedTuple):
-    """How packed floes fare: whether all numbers are finite, kinetic energy [J], how fast the fastest for its
-    radius is [radii per s] and its packed index; least and largest way along x and y since they were marked [m].
+    """How packed floes fare.
+
+    finite : all places, velocities and angles are numbers; energy : kinetic [J]
+    pace, which : how fast the fastest for its radius is [radii per s], and its packed index
+    strayed : largest way of a floe from where it was marked [m]
     """
 
     finite: bool
     energy: float
-    fastest: float
+    pace: float
     which: int
-    least_x: float
-    most_x: float
-    least_y: float
-    most_y: float
-
-    def strayed(self, keep_still: bool) -> float:
-        """Largest way of a floe, relative to the pack's common drift [m].
-
-        keep_still : there are walls or edges, which do not drift along
-        """
-        x = _half_range(self.least_x, self.most_x, keep_still)
-        y = _half_range(self.least_y, self.most_y, keep_still)
-        return math.sqrt(x * x + y * y)
-
-
-def _half_range(low: float, high: float, keep_still: bool) -> float:
-    return max(abs(low), abs(high)) if keep_still else 0.5 * (high - low)
+    strayed: float
 
 
 @in_place
-def survey(packed, x, y):
-    """A `Survey` of floes that were marked at x, y; in one pass, since it is made many times an exchange."""
-    p, finite, energy, fastest2, which = packed, True, 0.0, 0.0, 0
-    n = p.floes.size
-    least_x = most_x = p.floes[0].x - x[0] if n else 0.0
-    least_y = most_y = p.floes[0].y - y[0] if n else 0.0
-    for k in range(n):
+def survey(packed, x, y, keep_still):
+    """A `Survey` of floes that were marked at x, y, as a tuple.
+
+    keep_still : there are walls or edges, which do not drift along; else ways are relative to the common drift
+    """
+    p, finite, energy, pace2, which = packed, True, 0.0, 0.0, 0
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for k in range(p.floes.size):
         floe = p.floes[k]
         speed2 = floe.u * floe.u + floe.v * floe.v
-        way_x, way_y = floe.x - x[k], floe.y - y[k]
+        along_x, along_y = floe.x - x[k], floe.y - y[k]
         # no isfinite: with fast mathematics x − x is 0 whatever x is
-        finite &= (speed2 < np.inf) & (abs(way_x) < np.inf) & (abs(way_y) < np.inf)
+        finite &= (speed2 < np.inf) & (abs(along_x) < np.inf) & (abs(along_y) < np.inf)
         finite &= abs(turned(p.spinning, p.angle, k)) < np.inf
         energy += 0.5 * p.mass[k] * speed2
-        pace2 = speed2 / (floe.r * floe.r)
-        if pace2 > fastest2:
-            fastest2, which = pace2, k
-        least_x, most_x = min(least_x, way_x), max(most_x, way_x)
-        least_y, most_y = min(least_y, way_y), max(most_y, way_y)
-    return finite, energy, np.sqrt(fastest2), which, least_x, most_x, least_y, most_y
+        here2 = speed2 / (floe.r * floe.r)
+        if here2 > pace2:
+            pace2, which = here2, k
+        west, east = min(west, along_x), max(east, along_x)
+        south, north = min(south, along_y), max(north, along_y)
+    if p.floes.size == 0:
+        return finite, energy, 0.0, which, 0.0
+    if keep_still:
+        along_x, along_y = max(abs(west), abs(east)), max(abs(south), abs(north))
+    else:
+        along_x, along_y = 0.5 * (east - west), 0.5 * (north - south)
+    strayed = np.sqrt(along_x * along_x + along_y * along_y)
+    return finite, energy, np.sqrt(pace2), which, strayed
 
 
 @dispatched

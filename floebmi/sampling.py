@@ -27,8 +27,8 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
-from floebmi.grid import Grid, bin_of, column
-from floebmi.kernels import jit
+from floebmi.grid import Bins, Grid, bin_of, column
+from floebmi.kernels import dispatched, jit
 from floebmi.quantities import all_finite
 
 Period = tuple[float | None, float | None]
@@ -80,85 +80,128 @@ def _with_room(cell, area, needed):
     return more_cell, more_area
 
 
-@jit
-def _overlap_rectangles(
-    x_edges, x_first, y_edges, y_first, x, y, radius, start, inside, cell, area
-):
-    """Areas of discs in the cells of a rectilinear grid: fills start and inside, returns cell, area."""
-    nx = x_edges.size - 1
-    place = np.empty(nx + 1)  # of the grid lines that cross the disc, from its centre; and their H
-    west = np.empty(nx + 1)
-    below = np.empty(nx + 1)  # areas south-west of the corners of one row, and of the row above
-    above = np.empty(nx + 1)
-    m = start[0]
+class Polygons(NamedTuple):
+    """Cells of any shape, with the raster that finds them."""
+
+    bins: Bins
+    corner_x: np.ndarray  # (size, corners) [m], counter-clockwise
+    corner_y: np.ndarray
+
+
+@dispatched
+def _reached(cells, x, y, r):
+    """First and last column, first and last row of the grid, or of the raster, that a disc may reach."""
+    return (
+        column(cells.x, cells.x_first, x - r), column(cells.x, cells.x_first, x + r),
+        column(cells.y, cells.y_first, y - r), column(cells.y, cells.y_first, y + r),
+    )  # fmt: skip
+
+
+@_reached.register
+def _(cells: Polygons, x, y, r):
+    (x0, y0), (along_x, along_y), (nx, ny) = cells.bins.origin, cells.bins.scale, cells.bins.raster
+    return (
+        bin_of(x - r, x0, along_x, nx), bin_of(x + r, x0, along_x, nx),
+        bin_of(y - r, y0, along_y, ny), bin_of(y + r, y0, along_y, ny),
+    )  # fmt: skip
+
+
+@dispatched
+def _most(cells, i0, i1, j0, j1):
+    """No more cells than so many lie in a block of columns and rows."""
+    return (i1 - i0 + 1) * (j1 - j0 + 1)
+
+
+@_most.register
+def _(cells: Polygons, i0, i1, j0, j1):
+    start, nx, count = cells.bins.start, cells.bins.raster[0], 0
+    for j in range(j0, j1 + 1):
+        count += start[j * nx + i1 + 1] - start[j * nx + i0]
+    return count
+
+
+@dispatched
+def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
+    """Areas of a disc in the cells of a block, put behind the first m: how many there are now, and their sum.
+
+    lines : room for three numbers of each grid line across x: its distance from the disc's centre, H there, and the
+        area of the disc east of it, west of the next, south of the row
+    """
     # unsigned indices: no wrap-around; and no branches that cannot be foreseen: a quarter of the time
-    for k in range(x.size):
-        cx, cy, r, total = x[k], y[k], radius[k], 0.0
-        least = ROUND_OFF * math.pi * r * r
-        i0 = column(x_edges, x_first, cx - r)
-        i1 = column(x_edges, x_first, cx + r)
-        j0 = column(y_edges, y_first, cy - r)
-        j1 = column(y_edges, y_first, cy + r)
-        cell, area = _with_room(cell, area, m + (i1 - i0 + 1) * (j1 - j0 + 1))
-        for i in range(np.uintp(i0), np.uintp(i1 + 2)):
-            place[i] = x_edges[i] - cx
-            west[i] = disc_west(place[i], r)
-        for j in range(np.uintp(j0), np.uintp(j1 + 2)):
-            dy = y_edges[j] - cy
-            south = disc_west(dy, r)
-            for i in range(np.uintp(i0), np.uintp(i1 + 2)):
-                above[i] = disc_south_west(place[i], dy, west[i], south, r)
-            if j > j0:
-                under = j - np.uintp(1)
-                far_y, height = max(dy, cy - y_edges[under]), y_edges[j] - y_edges[under]
-                for i in range(np.uintp(i0), np.uintp(i1 + 1)):
-                    beside = i + np.uintp(1)
-                    far_x, width = max(place[beside], -place[i]), x_edges[beside] - x_edges[i]
-                    amount = (above[beside] - above[i]) - (below[beside] - below[i])
-                    within = far_x * far_x + far_y * far_y < r * r  # the cell lies in the disc
-                    amount = width * height if within else amount
-                    cell[np.uintp(m)], area[np.uintp(m)] = under * np.uintp(nx) + i, amount
-                    enough = amount > least
-                    total += amount if enough else 0.0
-                    m += enough
-            below, above = above, below
-        start[k + 1], inside[k] = m, total
-    return cell, area
+    x_edges, y_edges, one = cells.x, cells.y, np.uintp(1)
+    nx, first, last = np.uintp(x_edges.size - 1), np.uintp(i0), np.uintp(i1 + 1)
+    place, west, south = lines
+    least, total = ROUND_OFF * math.pi * r * r, 0.0
+    for i in range(first, last + one):
+        place[i] = x_edges[i] - cx
+        west[i] = disc_west(place[i], r)
+        south[i] = 0.0
+    low = y_edges[np.uintp(j0)] - cy
+    # a disc that reaches beyond the grid has a part south of the first row
+    for j in range(np.uintp(j0 + (low <= -r)), np.uintp(j1 + 2)):
+        high = y_edges[j] - cy
+        below = disc_west(high, r)
+        far_y, height = max(high, -low), high - low
+        left = disc_south_west(place[first], high, west[first], below, r)
+        for i in range(first, last):
+            beside = i + one
+            right = disc_south_west(place[beside], high, west[beside], below, r)
+            far_x, width = max(place[beside], -place[i]), place[beside] - place[i]
+            within = far_x * far_x + far_y * far_y < r * r  # the cell lies in the disc
+            amount = width * height if within else (right - left) - south[i]
+            south[i], left = right - left, right
+            cell[np.uintp(m)], area[np.uintp(m)] = (j - one) * nx + i, amount
+            enough = (amount > least) & (height > 0.0)
+            total += amount if enough else 0.0
+            m += enough
+        low = high
+    return m, total
+
+
+@_areas.register
+def _(cells: Polygons, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
+    bins, least, total = cells.bins, ROUND_OFF * math.pi * r * r, 0.0
+    low, box = bins.low, bins.box
+    for j in range(j0, j1 + 1):
+        for i in range(i0, i1 + 1):
+            b = j * bins.raster[0] + i
+            for e in range(bins.start[b], bins.start[b + 1]):
+                c = bins.cell[e]
+                # A cell reaches several bins; it counts in the first one visited.
+                if i != max(i0, low[c, 0]) or j != max(j0, low[c, 1]):
+                    continue
+                dx = max(box[c, 0] - cx, 0.0, cx - box[c, 1])
+                dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
+                if dx * dx + dy * dy >= r * r:
+                    continue
+                amount = disc_polygon(cells.corner_x[c], cells.corner_y[c], cx, cy, r)
+                if amount > least:
+                    cell[m], area[m] = c, amount
+                    total += amount
+                    m += 1
+    return m, total
 
 
 @jit
-def _overlap_polygons(
-    origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y,
-    x, y, radius, start, inside, cell, area,
-):  # fmt: skip
-    """Areas of discs in the cells of any grid: fills start and inside, returns cell, area."""
-    m = start[0]
+def _coverage(cells, bounds, lengths, x, y, radius, of, start, outside, cell, area, lines):
+    """Areas of discs, and of their images, in cells: fills start and outside, returns cell, area."""
+    west, east, south, north = bounds
+    m = 0
     for k in range(x.size):
-        cx, cy, r, total = x[k], y[k], radius[k], 0.0
-        least = ROUND_OFF * math.pi * r * r
-        by0 = bin_of(cy - r, origin[1], scale[1], raster[1])
-        by1 = bin_of(cy + r, origin[1], scale[1], raster[1])
-        bx0 = bin_of(cx - r, origin[0], scale[0], raster[0])
-        bx1 = bin_of(cx + r, origin[0], scale[0], raster[0])
-        for by in range(by0, by1 + 1):
-            for bx in range(bx0, bx1 + 1):
-                b = by * raster[0] + bx
-                cell, area = _with_room(cell, area, m + bin_start[b + 1] - bin_start[b])
-                for e in range(bin_start[b], bin_start[b + 1]):
-                    c = bin_cell[e]
-                    # A cell reaches several bins; it counts in the first one visited.
-                    if bx != max(bx0, low[c, 0]) or by != max(by0, low[c, 1]):
-                        continue
-                    dx = max(box[c, 0] - cx, 0.0, cx - box[c, 1])
-                    dy = max(box[c, 2] - cy, 0.0, cy - box[c, 3])
-                    if dx * dx + dy * dy >= r * r:
-                        continue
-                    amount = disc_polygon(corner_x[c], corner_y[c], cx, cy, r)
-                    if amount > least:
-                        cell[m], area[m] = c, amount
-                        total += amount
-                        m += 1
-        start[k + 1], inside[k] = m, total
+        if not of[k]:
+            start[k + 1], outside[k] = m, 0.0
+            continue
+        r, inside = radius[k], 0.0
+        first_x, last_x = _repeats(x[k], r, west, east, lengths[0])
+        first_y, last_y = _repeats(y[k], r, south, north, lengths[1])
+        for along_y in range(first_y, last_y + 1):
+            for along_x in range(first_x, last_x + 1):
+                cx, cy = x[k] + along_x * lengths[0], y[k] + along_y * lengths[1]
+                i0, i1, j0, j1 = _reached(cells, cx, cy, r)
+                cell, area = _with_room(cell, area, m + _most(cells, i0, i1, j0, j1))
+                m, total = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines)
+                inside += total
+        start[k + 1], outside[k] = m, math.pi * r * r - inside
     return cell, area
 
 
@@ -270,8 +313,8 @@ def _repeats(x, reach, low, high, length):
 
 
 @jit
-def _images(x, y, reach_x, reach_y, bounds, length_x, length_y, start, thing, image_x, image_y):
-    """Fill rows of images; returns how many there are, also if the arrays were too short."""
+def _images(x, y, reach_x, reach_y, bounds, length_x, length_y, thing, image_x, image_y):
+    """Fill thing, image_x and image_y; returns how many there are, also if the arrays were too short."""
     west, east, south, north = bounds
     m = 0
     for k in range(x.size):
@@ -283,7 +326,6 @@ def _images(x, y, reach_x, reach_y, bounds, length_x, length_y, start, thing, im
                     thing[m] = k
                     image_x[m], image_y[m] = x[k] + along_x * length_x, y[k] + along_y * length_y
                 m += 1
-        start[k + 1] = m
     return m
 
 
@@ -294,26 +336,25 @@ def images(
     reach_x: np.ndarray | float,
     reach_y: np.ndarray | float,
     period: Period,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The repetitions of things at (x, y) that meet the grid's bounding box, reaching so far [m].
 
     Returns
     -------
-    start (n + 1,), thing (m,), x (m,), y (m,): images start[k]:start[k + 1] are those of thing k;
-    without periods, itself or none
+    thing (m,), x (m,), y (m,): those of one thing one after the other; without periods, itself or none
     """
     length_x, length_y = check_period(grid, period)
     reach_x, reach_y = (
         np.ascontiguousarray(np.broadcast_to(reach, x.shape), np.float64)
         for reach in (reach_x, reach_y)
     )
-    room, start = x.size + x.size // 4 + 16, np.zeros(x.size + 1, np.int64)
+    room = x.size + x.size // 4 + 16
     while True:
         filled = np.empty(room, np.int64), np.empty(room), np.empty(room)
-        room = _images(x, y, reach_x, reach_y, grid.bounds, length_x, length_y, start, *filled)
+        room = _images(x, y, reach_x, reach_y, grid.bounds, length_x, length_y, *filled)
         if room <= len(filled[0]):
             thing, image_x, image_y = filled
-            return start, thing[:room], image_x[:room], image_y[:room]
+            return thing[:room], image_x[:room], image_y[:room]
 
 
 def coverage(
@@ -340,27 +381,15 @@ def coverage(
     """
     x, y, radius = check_floes(x, y, radius)
     n = x.size
-    if of is None or of.all():
-        number = np.arange(n)
-    else:
-        number = np.flatnonzero(of)
-        x, y, radius = x[number], y[number], radius[number]
-    image, floe, x, y = images(grid, x, y, radius, radius, period)
-    ends, inside = np.zeros(x.size + 1, np.int64), np.empty(x.size)
-    room = np.empty(12 * x.size, np.int64), np.empty(12 * x.size)
-    if grid.x_edges is not None:
-        cell, area = _overlap_rectangles(*grid.axes, x, y, radius[floe], ends, inside, *room)
-    else:
-        cell, area = _overlap_polygons(
-            *grid.bins, grid.corner_x, grid.corner_y, x, y, radius[floe], ends, inside, *room
-        )
-    cell, area = cell[: ends[-1]], area[: ends[-1]]
-    start, outside = np.zeros(n + 1, np.int64), np.zeros(n)
-    start[number + 1] = np.diff(ends[image])
-    np.cumsum(start, out=start)
-    in_grid = np.bincount(floe, weights=inside, minlength=number.size)
-    outside[number] = np.pi * radius**2 - in_grid
-    return Coverage(start, cell, area, grid.size, outside)
+    rectilinear = grid.x_edges is not None
+    cells = grid.axes if rectilinear else Polygons(grid.bins, grid.corner_x, grid.corner_y)
+    start, outside = np.zeros(n + 1, np.int64), np.empty(n)
+    cell, area = _coverage(
+        cells, grid.bounds, check_period(grid, period), x, y, radius, np.ones(n, bool) if of is None else of,
+        start, outside, np.empty(12 * n, np.int64), np.empty(12 * n),
+        tuple(np.empty((3, grid.x_edges.size if rectilinear else 0))),
+    )  # fmt: skip
+    return Coverage(start, cell[: start[-1]], area[: start[-1]], grid.size, outside)
 
 
 def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
@@ -411,7 +440,7 @@ def _centre_weights(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights by the cells at floe centres, dry ones left out, not yet summing to 1."""
     west, east, south, north = grid.bounds
-    _, floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
+    floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
     # Here the far rim is inside, lest a centre that round-off puts on the seam falls through.
     image_x = np.minimum(image_x, np.nextafter(east, west))
     image_y = np.minimum(image_y, np.nextafter(north, south))

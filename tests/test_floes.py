@@ -52,7 +52,10 @@ def test_area_volume_mass_and_moment_of_inertia_are_those_of_a_cylinder():
         ({"v": np.inf}, "floe 0: v = inf m/s; must be a finite number"),
         ({"motion": [0, 8]}, "floe 1: motion = 8; must be a sum of FIXED_X = 1"),
         ({"motion": 0.5}, "floe 0: motion = 0.5; must be"),
-        ({"motion": [0, 15], "u": 0.1}, "floe 1: u = 0.1 m/s: a piece of coast stands still; must be 0"),
+        (
+            {"motion": [0, 15], "u": 0.1},
+            "floe 1: u = 0.1 m/s: a piece of coast stands still; must be 0",
+        ),
         ({"y": [0.0, 1.0, 2.0]}, "different numbers of values (x 2, y 3); must be as many"),
         ({"u": [[0.0]]}, "u has shape (1, 1)"),
         ({"u": "fast"}, "u = 'fast': must be a number"),
