@@ -279,18 +279,18 @@ class Advance:
         n = len(p.number)
         if not self.forces or not n or self.step.scheme != "verlet":
             return np.zeros(n // BLOCK + 1)
-        u, v = p.floes.u, p.floes.v
-        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning.omega).max())
+        u, v = p.floes["u"], p.floes["v"]
+        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning["omega"]).max())
         speed = speed_bound(self.forces, self.here, math.sqrt((u * u + v * v).max()))
         rate = np.zeros((len(self.here[0]), BLOCK))
         for force, at in zip(self.forces, self.here, strict=True):
             add_fastest_rate(force, at, speed, spin, rate)
-        held = p.held[(p.inverse_x[p.held] == 0.0) & (p.inverse_y[p.held] == 0.0)]
-        if p.inverse_spin is not None:
-            held = held[p.inverse_spin[held] == 0.0]
-        rate.flat[held] = 0.0
-        rate.flat[n:] = 0.0
-        return rate.max(axis=1)
+        rate = rate.reshape(-1)
+        rate[n:] = 0.0
+        if len(p.held):
+            still = (p.inverse_x == 0.0) & (p.inverse_y == 0.0)
+            rate[:n][still if p.inverse_spin is None else still & (p.inverse_spin == 0.0)] = 0.0
+        return rate.reshape(-1, BLOCK).max(axis=1)
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
         """From where on floes and walls stray: no more than they have room for until the list is stale.

@@ -237,7 +237,7 @@ class Floes:
         k = _common_length(values)
         first = self._n
         for name, value in values.items():
-            _check(name, np.broadcast_to(value, k), first)
+            _check(name, value, first)
             if name not in self._columns and np.any(value):
                 raise InputError(f"{name} is given for floes that do not rotate; say rotation=True")
         _check_coast(values, first)
@@ -377,7 +377,7 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
         wrong |= values < 0
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        value = float(values[row])
+        value = float(np.atleast_1d(values)[row])
         bound = "at least 0" if name in _OWN_TYPES else "greater than 0"
         right = bound if np.isfinite(value) else "a finite number"
         given = f"{value!r} {unit}".strip()
