@@ -115,59 +115,66 @@ def pack(
     n = len(number)
     rotation = floes.rotation
     records = _lines(n, SPINNING if rotation else MOVING)
-    bits, mass = floes.motion[number], floes.mass(density)[number]
-    inverse_x, inverse_y = np.empty((2, n))
-    _fill(
-        records, first_x, first_y, number, bits, mass, floes.radius, floes.thickness, floes.u, floes.v,
-        inverse_x, inverse_y,
-    )  # fmt: skip
-    inertia = inverse_spin = angle = None
+    bits, mass, radius = floes.motion[number], floes.mass(density)[number], floes.radius[number]
+    inverse = 1.0 / mass
+    inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
+    inverse_y = np.where(bits & FIXED_Y, 0.0, inverse)
+    records["r"], records["h"] = radius, floes.thickness[number]
+    records["w"] = np.maximum(inverse_x, inverse_y)
+    inertia = inverse_spin = None
     if rotation:
-        inertia, inverse_spin = np.empty((2, n))
-        angle = floes.angle[number]
-        _fill_spin(records, number, bits, mass, floes.angular_velocity, inertia, inverse_spin)
-    force = _lines(n, FORCE_AND_TORQUE if rotation else FORCE)
-    return Packed(
+        inertia = 0.5 * mass * radius**2
+        inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
+    packed = Packed(
         records,
         records if rotation else None,
-        force,
+        _lines(n, FORCE_AND_TORQUE if rotation else FORCE),
         number,
         mass,
         inverse_x,
         inverse_y,
         inertia,
         inverse_spin,
-        angle,
+        None,
         np.flatnonzero(bits),
         floes.land[number],
         first_x,
         first_y,
-        None if previous is None else previous[number],
+        None,
         *origin,
-        None if floes.friction is None else floes.friction[number],
+        None,
         None if floes.tensile_strength is None else floes.tensile_strength[number],
+    )
+    return pack_again(packed, floes, first_x, first_y, previous)
+
+
+def pack_again(
+    packed: Packed,
+    floes: Floes,
+    first_x: np.ndarray,
+    first_y: np.ndarray,
+    previous: np.ndarray | None,
+) -> Packed:
+    """The same floes, in the same arrays, where and as fast as they are now; see `pack`."""
+    number = packed.number
+    _set_going(packed.floes, first_x, first_y, number, floes.u, floes.v)
+    if packed.spinning is not None:
+        packed.floes["omega"] = floes.angular_velocity[number]
+    return packed._replace(
+        angle=None if packed.spinning is None else floes.angle[number],
+        first_x=first_x,
+        first_y=first_y,
+        previous=None if previous is None else previous[number],
+        friction=None if floes.friction is None else floes.friction[number],
     )
 
 
 @in_place
-def _fill(records, x, y, number, bits, mass, r, h, u, v, inverse_x, inverse_y):
+def _set_going(records, x, y, number, u, v):
     """Write records one after the other: column by column each would be fetched many times."""
     for k in range(number.size):
         floe, record = np.uintp(number[k]), records[k]
-        inverse = 1.0 / mass[k]
-        inverse_x[k] = 0.0 if bits[k] & FIXED_X else inverse
-        inverse_y[k] = 0.0 if bits[k] & FIXED_Y else inverse
         record.x, record.y, record.u, record.v = x[k], y[k], u[floe], v[floe]
-        record.r, record.h, record.w = r[floe], h[floe], max(inverse_x[k], inverse_y[k])
-
-
-@in_place
-def _fill_spin(records, number, bits, mass, omega, inertia, inverse_spin):
-    for k in range(number.size):
-        record = records[k]
-        record.omega = omega[np.uintp(number[k])]
-        inertia[k] = 0.5 * mass[k] * record.r * record.r
-        inverse_spin[k] = 0.0 if bits[k] & FIXED_ROTATION else 1.0 / inertia[k]
 
 
 def unpack(
