@@ -48,6 +48,7 @@ from floebmi.pack import (
     list_pairs,
     look,
     pack,
+    pack_again,
     paper_step,
     places,
     stable_step,
@@ -186,9 +187,11 @@ class Advance:
     def _go_on(self, kept: Kept) -> None:
         """Pack the floes in the order of a list that holds for them."""
         pairs, number = self.state.memory
-        self.packed = self._pack(
-            number, *places(self.floes, number, self.domain.origin, self.state.remainder)
-        )
+        here = places(self.floes, number, self.domain.origin, self.state.remainder)
+        if kept.packed is None:
+            self.packed = self._pack(number, *here)
+        else:
+            self.packed = pack_again(kept.packed, self.floes, *here, self.state.previous)
         self.list_x, self.list_y, self.list_walls = kept.x, kept.y, kept.walls
         self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.tiles
         self.pairs = pairs.copy()
@@ -251,6 +254,7 @@ class Advance:
         self.state.kept = Kept(
             self.list_x, self.list_y, self.list_walls, self.tiles, self.walls.floe, self.walls.number,
             self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
+            self.packed,
         )  # fmt: skip
 
     @property

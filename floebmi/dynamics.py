@@ -517,6 +517,7 @@ def touch_all(laws, packed, lists, walls, books, buffers):
     p, near, last = packed, lists.near, lists.near.counts.size
     first = last - last  # as in `verlet`
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    forget(p.spinning, p.force)
     narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, 0.0)
     for tile in range(last):
         touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0])

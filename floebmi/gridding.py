@@ -38,7 +38,7 @@ import numpy as np
 from floebmi.errors import InputError
 from floebmi.geometry import cut
 from floebmi.grid import Grid, bin_of
-from floebmi.kernels import jit
+from floebmi.kernels import in_place, jit
 from floebmi.sampling import Coverage, Period, Weights, images, scatter
 
 
@@ -85,31 +85,32 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     )
 
 
-@jit
+@in_place
 def give_back(
-    start, cell, weight, impulse_x, impulse_y, last_x, last_y, total_x, total_y,
+    start, cell, amount, over, impulse_x, impulse_y, last_x, last_y, total_x, total_y,
 ):  # fmt: skip
     """Share out what a fluid gave to the floes, by the weights it was read with, and turn its sign.
 
+    start, cell, amount, over : see `sampling.Weights`
     impulse_x, impulse_y : of each floe [N s], for the rows of the weights
     last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
     """
     for c in range(last_x.size):
         last_x[c] = last_y[c] = 0.0
     for k in range(start.size - 1):
-        x, y = impulse_x[k], impulse_y[k]
+        x, y = over[k] * impulse_x[k], over[k] * impulse_y[k]
         for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-            c, w = np.uintp(cell[e]), weight[e]  # unsigned: no wrap-around of negative indices
-            last_x[c] -= w * x
-            last_y[c] -= w * y
+            c = np.uintp(cell[e])  # unsigned: no wrap-around of negative indices
+            last_x[c] -= amount[e] * x
+            last_y[c] -= amount[e] * y
     for c in range(last_x.size):
         total_x[c] += last_x[c]
         total_y[c] += last_y[c]
 
 
-@jit
+@in_place
 def sizes_of_drag(
-    start, cell, weight, impulse_x, impulse_y, fluid_u, fluid_v, u, v, rate, mass, cell_area, magnitude,
+    start, cell, amount, over, impulse_x, impulse_y, fluid_u, fluid_v, u, v, rate, mass, cell_area, magnitude,
     slope,
 ):  # fmt: skip
     """Fill magnitude and slope with Σ |impulse| [N s/m²] and Σ K |Δu| [kg m-2 s-1] per cell area.
@@ -124,7 +125,7 @@ def sizes_of_drag(
         du, dv = fluid_u[k] - u[k], fluid_v[k] - v[k]
         coefficient = np.sqrt(du * du + dv * dv) * rate[k] * mass[k]
         for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-            c, w = np.uintp(cell[e]), weight[e]
+            c, w = np.uintp(cell[e]), over[k] * amount[e]
             magnitude[c] += w * size
             slope[c] += w * coefficient
     for c in range(cell_area.size):

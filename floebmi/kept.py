@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.floes import Floes
-from floebmi.pack import Stiffest, remembered
+from floebmi.pack import Packed, Stiffest, remembered
 from floebmi.pairs import PairList
 from floebmi.tiles import Tiles
 
@@ -42,6 +42,8 @@ class Kept(NamedTuple):
     room, travelled : how far floes may stray until it is stale, and how far they have [m]
     stiffest : what sets the step meanwhile, if that is known
     floes : as the exchange left them
+    packed : the same, in arrays that the next exchange works in: of what they hold it trusts what lasts as long as
+        radius and thickness; None: pack them anew
     """
 
     x: np.ndarray
@@ -56,12 +58,15 @@ class Kept(NamedTuple):
     travelled: float
     stiffest: Stiffest | None
     floes: Floes
+    packed: Packed | None
 
     def of(self, floes: Floes) -> "Kept | None":
         """As much of it as holds for floes that somebody may have changed since; None: list them anew."""
         if not floes.same(self.floes, DECISIVE):
             return None
-        return self if floes.same(self.floes, ("thickness",)) else self._replace(stiffest=None)
+        if floes.same(self.floes, ("thickness",)):
+            return self
+        return self._replace(stiffest=None, packed=None)
 
 
 class Marks(NamedTuple):

@@ -137,8 +137,8 @@ class Fluid:
             w, at, floes, density = self._given
             mass = np.where(floes.active, floes.mass(density), 0.0)
             sizes_of_drag(
-                w.start, w.cell, w.weight, at[X], at[Y], at[FLUID_U], at[FLUID_V], floes.u, floes.v,
-                at[RATE], mass, self.grid.area, *self._sizes,
+                *w[:-1], at[X], at[Y], at[FLUID_U], at[FLUID_V], floes.u, floes.v, at[RATE], mass,
+                self.grid.area, *self._sizes,
             )  # fmt: skip
             self._given = None
         return self._sizes
@@ -570,8 +570,7 @@ class Model:
             fluid = self._fluid_of(force)
             w = weights[id(fluid.grid)]
             give_back(
-                w.start, w.cell, w.weight, at[X], at[Y], fluid.last_x, fluid.last_y,
-                fluid.impulse_x, fluid.impulse_y,
+                *w[:-1], at[X], at[Y], fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y
             )  # fmt: skip
             if isinstance(force, OceanDrag):
                 fluid._given = w, at, self._state.kept.floes, self.ice_density

@@ -118,19 +118,19 @@ def pack(
     n = len(number)
     rotation = floes.rotation
     records = _lines(n, SPINNING if rotation else MOVING)
-    mass, inverse_x, inverse_y = np.empty((3, n))
-    inertia = inverse_spin = angle = spin = None
+    bits, mass, radius = floes.motion[number], floes.mass(density)[number], floes.radius[number]
+    land = (bits & LAND) != 0
+    inverse = 1.0 / mass
+    inverse_x = np.where(bits & FIXED_X, 0.0, inverse)
+    inverse_y = np.where(bits & FIXED_Y, 0.0, inverse)
+    records["r"], records["h"] = radius, floes.thickness[number]
+    records["w"] = np.maximum(inverse_x, inverse_y)
+    inertia = inverse_spin = None
     if rotation:
-        inertia, inverse_spin, angle = np.empty((3, n))
-        spin = records, inertia, inverse_spin, angle, floes.angle, floes.angular_velocity
-    motion = floes.motion
-    _fill(
-        records, mass, inverse_x, inverse_y, spin, number, first_x, first_y, floes.radius,
-        floes.thickness, floes.u, floes.v, motion, density,
-    )  # fmt: skip
-    motion = motion[number]
-    land = (motion & LAND) != 0
-    return Packed(
+        inertia = 0.5 * mass * radius**2
+        inverse_spin = np.where(bits & FIXED_ROTATION, 0.0, 1.0 / inertia)
+    mass[land] = 0.0
+    packed = Packed(
         records,
         records if rotation else None,
         _lines(n, FORCE_AND_TORQUE if rotation else FORCE),
@@ -140,43 +140,46 @@ def pack(
         inverse_y,
         inertia,
         inverse_spin,
-        angle,
-        np.flatnonzero((motion != 0) & ~land),
+        None,
+        np.flatnonzero((bits != 0) & ~land),
         land,
         first_x,
         first_y,
-        None if previous is None else previous[number],
+        None,
         *origin,
-        None if floes.friction is None else floes.friction[number],
+        None,
         None if floes.tensile_strength is None else floes.tensile_strength[number],
+    )
+    return pack_again(packed, floes, first_x, first_y, previous)
+
+
+def pack_again(
+    packed: Packed,
+    floes: Floes,
+    first_x: np.ndarray,
+    first_y: np.ndarray,
+    previous: np.ndarray | None,
+) -> Packed:
+    """The same floes, in the same arrays, where and as fast as they are now; see `pack`."""
+    number = packed.number
+    _set_going(packed.floes, first_x, first_y, number, floes.u, floes.v)
+    if packed.spinning is not None:
+        packed.floes["omega"] = floes.angular_velocity[number]
+    return packed._replace(
+        angle=None if packed.spinning is None else floes.angle[number],
+        first_x=first_x,
+        first_y=first_y,
+        previous=None if previous is None else previous[number],
+        friction=None if floes.friction is None else floes.friction[number],
     )
 
 
 @in_place
-def _fill(records, mass, inverse_x, inverse_y, spin, number, x, y, r, h, u, v, motion, density):
-    """Write all that is packed of a floe, one after the other: column by column each would be fetched many times."""
+def _set_going(records, x, y, number, u, v):
+    """Write records one after the other: column by column each would be fetched many times."""
     for k in range(number.size):
-        floe, record = number[k], records[k]
-        bits, m = motion[floe], density * (np.pi * r[floe] * r[floe] * h[floe])
+        floe, record = np.uintp(number[k]), records[k]
         record.x, record.y, record.u, record.v = x[k], y[k], u[floe], v[floe]
-        record.r, record.h = r[floe], h[floe]
-        inverse_x[k] = 0.0 if bits & FIXED_X else 1.0 / m
-        inverse_y[k] = 0.0 if bits & FIXED_Y else 1.0 / m
-        record.w = max(inverse_x[k], inverse_y[k])
-        mass[k] = 0.0 if bits & LAND else m
-        _fill_spin(spin, k, floe, 0.5 * m * r[floe] * r[floe], bits)
-
-
-@dispatched
-def _fill_spin(spin, k, floe, moment, bits):
-    records, inertia, inverse_spin, angle, angles, rates = spin
-    records[k].omega, angle[k], inertia[k] = rates[floe], angles[floe], moment
-    inverse_spin[k] = 0.0 if bits & FIXED_ROTATION else 1.0 / moment
-
-
-@_fill_spin.register
-def _(spin: None, k, floe, moment, bits):
-    pass
 
 
 def unpack(

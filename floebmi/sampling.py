@@ -28,7 +28,7 @@ import numpy as np
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
 from floebmi.grid import Bins, Grid, bin_of, column
-from floebmi.kernels import dispatched, jit
+from floebmi.kernels import dispatched, in_place, jit
 from floebmi.quantities import all_finite
 
 Period = tuple[float | None, float | None]
@@ -41,14 +41,21 @@ class Weights(NamedTuple):
 
     start : (n + 1,) int64
     cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
-    weight : (m,) [1], each row sums to 1, or is empty: the floe finds no wet cell
+    amount : (m,) what the shares are in proportion to: areas of the floe in the cell [m²]
+    over : (n,) one over the sum of each row's amounts
     size : number of cells of the grid
     """
 
     start: np.ndarray
     cell: np.ndarray
-    weight: np.ndarray
+    amount: np.ndarray
+    over: np.ndarray
     size: int
+
+    @property
+    def weight(self) -> np.ndarray:
+        """The shares, (m,) [1]: each row sums to 1, or is empty: the floe finds no wet cell."""
+        return self.amount * np.repeat(self.over, np.diff(self.start))
 
 
 class Coverage(NamedTuple):
@@ -205,61 +212,56 @@ def _coverage(cells, bounds, lengths, x, y, radius, of, start, outside, cell, ar
     return cell, area
 
 
-@jit
-def _normalise(start, amount, weight):
-    """Amounts over the sum of their row."""
+@in_place
+def _sum_rows(start, amount, over):
+    """Fill `over` with one over the sum of each row; 0 of an empty one."""
     for k in range(start.size - 1):
         total = 0.0
         for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
             total += amount[m]
-        for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-            weight[m] = amount[m] / total
+        over[k] = 1.0 / total if total > 0.0 else 0.0
 
 
-@jit
-def _in_wet(start, cell, area, wet, wet_start, wet_cell, weight):
-    """Shares of what lies in wet cells: fills the rows, returns the number of entries."""
+@in_place
+def _in_wet(start, cell, area, wet, wet_start, wet_cell, wet_area):
+    """Fill the rows with what lies in wet cells; returns the number of entries."""
     m = 0
     for k in range(start.size - 1):
-        total = 0.0
         for e in range(start[k], start[k + 1]):
             if wet[cell[e]]:
-                wet_cell[m], weight[m] = cell[e], area[e]
-                total += area[e]
+                wet_cell[m], wet_area[m] = cell[e], area[e]
                 m += 1
         wet_start[k + 1] = m
-        for e in range(wet_start[k], m):
-            weight[e] /= total
     return m
 
 
-@jit
-def _gather(start, cell, weight, field, out):
+@in_place
+def _gather(start, cell, amount, over, field, out):
     for k in range(start.size - 1):
         for q in range(field.shape[1]):
             total = 0.0
             for m in range(start[k], start[k + 1]):
-                total += weight[m] * field[cell[m], q]
-            out[k, q] = total
+                total += amount[m] * field[cell[m], q]
+            out[k, q] = over[k] * total
 
 
-@jit
-def _gather_each(start, cell, weight, fields, outs):
+@in_place
+def _gather_each(start, cell, amount, over, fields, outs):
     for k in range(start.size - 1):
         for q in range(len(fields)):
             field, total = fields[q], 0.0
             for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
                 # unsigned: no wrap-around of negative indices, a third of the time
-                total += weight[m] * field[np.uintp(cell[m])]
-            outs[q][k] = total
+                total += amount[m] * field[np.uintp(cell[m])]
+            outs[q][k] = over[k] * total
 
 
-@jit
-def _scatter(start, cell, weight, values, out):
+@in_place
+def _scatter(start, cell, amount, over, values, out):
     for k in range(start.size - 1):
         for m in range(start[k], start[k + 1]):
             for q in range(values.shape[1]):
-                out[cell[m], q] += weight[m] * values[k, q]
+                out[cell[m], q] += amount[m] * (over[k] * values[k, q])
 
 
 def check_floes(
@@ -394,14 +396,18 @@ def coverage(
 
 def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
     """Weights "overlap": the areas in wet cells over their sum; wet is (grid.size,) bool."""
-    if wet.all():  # nothing to leave out: the rows are those of the areas
-        weight = np.empty(coverage.area.size)
-        _normalise(coverage.start, coverage.area, weight)
-        return Weights(coverage.start, coverage.cell, weight, coverage.size)
-    start = np.zeros(coverage.start.size, np.int64)
-    cell, weight = np.empty(coverage.cell.size, np.int64), np.empty(coverage.cell.size)
-    m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, weight)
-    return Weights(start, cell[:m], weight[:m], coverage.size)
+    start, cell, area, size, _ = coverage
+    if not wet.all():
+        start, cell, area = np.zeros_like(start), np.empty_like(cell), np.empty_like(area)
+        m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, area)
+        cell, area = cell[:m], area[:m]
+    return _weights(start, cell, area, size)
+
+
+def _weights(start: np.ndarray, cell: np.ndarray, amount: np.ndarray, size: int) -> Weights:
+    over = np.empty(start.size - 1)
+    _sum_rows(start, amount, over)
+    return Weights(start, cell, amount, over, size)
 
 
 def _around(
@@ -488,9 +494,7 @@ def floe_weights(
     if accuracy != "centre":
         raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
     x, y, radius = check_floes(x, y, radius)
-    start, cell, weight = _centre_weights(grid, x, y, period)
-    _normalise(start, weight, weight)
-    return Weights(start, cell, weight, grid.size)
+    return _weights(*_centre_weights(grid, x, y, period), grid.size)
 
 
 def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -513,7 +517,7 @@ def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -
         out = np.empty(shape)
     elif out.shape != shape:
         raise InputError(f"out has shape {out.shape}: must be {shape}, one row per floe")
-    _gather(weights.start, weights.cell, weights.weight, _columns(field), _columns(out))
+    _gather(*weights[:-1], _columns(field), _columns(out))
     return out
 
 
@@ -521,7 +525,7 @@ def gather_each(
     weights: Weights, fields: tuple[np.ndarray, ...], outs: tuple[np.ndarray, ...]
 ) -> None:
     """`gather` of several fields of shape (grid.size,), float64, each into its out (n,): the weights are read once."""
-    _gather_each(weights.start, weights.cell, weights.weight, fields, outs)
+    _gather_each(*weights[:-1], fields, outs)
 
 
 def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:
@@ -544,7 +548,7 @@ def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:
     shape = (weights.size, *values.shape[1:])
     if out.shape != shape:
         raise InputError(f"out has shape {out.shape}: must be {shape}, one row per cell")
-    _scatter(weights.start, weights.cell, weights.weight, _columns(values), _columns(out))
+    _scatter(*weights[:-1], _columns(values), _columns(out))
 
 
 def _check_rows(name: str, values: np.ndarray, rows: int, of: str) -> None:
