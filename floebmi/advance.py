@@ -51,6 +51,7 @@ from floebmi.pack import (
     pack_again,
     paper_step,
     places,
+    reach,
     stable_step,
     stiffest,
     survey,
@@ -224,10 +225,14 @@ class Advance:
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        # wider where sizes differ much, then few pairs are close and a list costs more than a step; and for few
-        # floes: of a width w steps cost as w n, lists as (n + FEW)/w, both together least as w² = 1 + FEW/n
+        # wider where sizes differ much: then few pairs are close, and a list costs more than a step
+        self.skin = self.closing * min(max(1.0, octaves), WIDEST)
+        # and wider for few floes: of a width w steps cost as w n, lists as (n + FEW)/w, both together least as
+        # w² = 1 + FEW/n; yet a floe meets another on one side of a period alone
         few = math.sqrt(1.0 + FEW / max(len(radius), 1))
-        self.skin = self.closing * min(max(1.0, octaves) * few, WIDEST)
+        widest = reach(at, self.contact, 0.0).max(initial=0.0)
+        room = [0.49 * period - 2.0 * widest for period in self.period if period]
+        self.skin = max(self.skin, min([self.skin * few, self.closing * WIDEST, *room]))
         place = np.full(len(self.floes), -1)
         place[at.number] = np.arange(len(at.number))
         self.pairs, self.tiles = list_pairs(
@@ -525,13 +530,13 @@ class Advance:
         """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
         floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
-        reach = self.travelled, self._reach()
+        way = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *reach, self.buffers)
+            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *way, self.buffers)
         else:
             parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
-            rest = dt, steps, substeps, *reach, self.step.drag_every, self.lag
+            rest = dt, steps, substeps, *way, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
                 done = verlet(*floes, *rest, self.buffers)
             else:

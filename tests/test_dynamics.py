@@ -306,3 +306,11 @@ def test_drag_once_in_several_steps_gives_its_whole_impulse_and_nearly_the_same_
 def test_a_number_of_steps_that_is_none_is_refused(k):
     with pytest.raises(InputError, match=r"Step.drag_every = .*must be"):
         Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), step=Step(drag_every=k))
+
+
+def test_a_period_that_is_just_long_enough_for_two_floes_is_not_too_short_for_their_list():
+    domain = Domain((0.0, 4.7), (0.0, 60.0), "periodic", "periodic", "periodic", "periodic")
+    model = Model(domain, Floes([1.0, 3.3], 30.0, 1.0, 1.0, u=[0.3, -0.3]), contact=frictional())
+    model.advance(5.0)
+    assert model.ledger.balance("momentum_x").relative < 1e-12
+    assert model._now().skin < 1.5 * model._now().closing  # elsewhere such few floes have 6
