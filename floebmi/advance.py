@@ -29,11 +29,11 @@ from floebmi.floes import Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     Force,
+    add_booked,
     add_fastest_rate,
     at_floes,
     by_block,
     speed_bound,
-    take_booked,
     without_fluid,
 )
 from floebmi.kept import Kept, Marks, Memory
@@ -338,7 +338,7 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            take_booked(at, self.packed.number, here)
+            add_booked(at, self.packed.number, here)
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
