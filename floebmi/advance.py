@@ -6,7 +6,7 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class State:
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), copy(self.counters), self.kept, self.rng.bit_generator.state,
+            self.ledger.copy(), replace(self.counters), self.kept, self.rng.bit_generator.state,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
