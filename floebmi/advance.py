@@ -7,7 +7,7 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,11 +30,11 @@ from floebmi.floes import Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     Force,
+    add_booked,
     add_fastest_rate,
     at_floes,
     by_block,
     speed_bound,
-    take_booked,
     without_fluid,
 )
 from floebmi.kept import Kept, Marks, Memory
@@ -105,7 +105,7 @@ class State:
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), copy(self.counters), self.kept, self.rng.bit_generator.state,
+            self.ledger.copy(), replace(self.counters), self.kept, self.rng.bit_generator.state,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
@@ -366,7 +366,7 @@ class Advance:
     def _unpack(self) -> None:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         for at, here in zip(self.at, self.here, strict=True):
-            take_booked(at, self.packed.number, here)
+            add_booked(at, self.packed.number, here)
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""

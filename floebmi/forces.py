@@ -360,7 +360,7 @@ FORCE_BUFFER = 16 * BLOCK
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
     """A table as kernels take it: a row for each block of the floes of these numbers, in it the rows of the table.
 
-    The last floe fills up the last block.
+    Nothing is booked in it yet.  The last floe fills up the last block.
     """
     blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
     _into_blocks(at, number, blocks)
@@ -372,7 +372,8 @@ def _into_blocks(at, number, blocks):
     last = number.size - 1
     for block in range(blocks.shape[0]):
         here = blocks[block]
-        for name in range(at.shape[0]):
+        here[: FLUID_U * BLOCK] = 0.0
+        for name in range(FLUID_U, at.shape[0]):
             values = at[name]
             for k in range(BLOCK):
                 floe = np.uintp(number[min(block * BLOCK + k, last)])
@@ -380,12 +381,12 @@ def _into_blocks(at, number, blocks):
 
 
 @in_place
-def take_booked(at, number, blocks):
-    """Put impulses and work of the blocks back into the table that they were made of."""
+def add_booked(at, number, blocks):
+    """Add impulses and work of the blocks to those of the table that they were made of."""
     for k in range(number.size):
         floe, here = np.uintp(number[k]), blocks[k // BLOCK]
         for name in range(WORK + 1):
-            at[name, floe] = row(here, name, k % BLOCK)
+            at[name, floe] += row(here, name, k % BLOCK)
 
 
 def for_each(body: Callable) -> Callable:

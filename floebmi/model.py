@@ -574,7 +574,9 @@ class Model:
             )  # fmt: skip
             if isinstance(force, OceanDrag):
                 fluid._given = w, at, self._state.kept.floes, self.ice_density
-            fluid.undelivered -= at[: Y + 1, np.flatnonzero(without_cell(w))].sum(axis=1)
+            lost = np.flatnonzero(without_cell(w))
+            if len(lost):
+                fluid.undelivered -= at[: Y + 1, lost].sum(axis=1)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""
@@ -700,14 +702,14 @@ class Model:
         for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
             if fluid is None or not (out is None or any(name.startswith(what) for name in out)):
                 continue
-            per_area = sign / fluid.grid.area
-            mean = per_area * over
-            for axis, last, running in (
-                ("x", fluid.last_x, fluid.impulse_x),
-                ("y", fluid.last_y, fluid.impulse_y),
+            for name, x, y, time in (
+                (f"{what}_stress", fluid.last_x, fluid.last_y, over),
+                (f"{what}_impulse", fluid.impulse_x, fluid.impulse_y, 1.0),
             ):
-                product(f"{what}_stress_{axis}", last, mean)
-                product(f"{what}_impulse_{axis}", running, per_area)
+                if out is None or name + "_x" in out or name + "_y" in out:
+                    per_area = (sign * time) / fluid.grid.area
+                    product(name + "_x", x, per_area)
+                    product(name + "_y", y, per_area)
         if self.ocean is not None:
             if out is None or any(name in out for name in PER_ICE_AREA):
                 areas = self.coverage()

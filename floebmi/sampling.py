@@ -40,7 +40,7 @@ class Weights(NamedTuple):
     """Shares of floes in cells; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
+    cell : (m,) int32; twice in a row if a floe reaches the cell from both sides of a seam
     amount : (m,) what the shares are in proportion to: areas of the floe in the cell [m²]
     over : (n,) one over the sum of each row's amounts
     size : number of cells of the grid
@@ -62,10 +62,11 @@ class Coverage(NamedTuple):
     """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int64; twice in a row if a floe reaches the cell from both sides of a seam
+    cell : (m,) int32; twice in a row if a floe reaches the cell from both sides of a seam
     area : (m,) area of the floe in the cell [m²]
     size : number of cells of the grid
     outside : (n,) area of each floe outside the grid [m²], to round-off of its whole area
+    inside : (n,) area of each floe in the grid [m²]: the sum of its row
     """
 
     start: np.ndarray
@@ -73,6 +74,7 @@ class Coverage(NamedTuple):
     area: np.ndarray
     size: int
     outside: np.ndarray
+    inside: np.ndarray
 
 
 @jit
@@ -80,7 +82,7 @@ def _with_room(cell, area, needed):
     """The same arrays, or longer ones with the same entries."""
     if needed <= cell.size:
         return cell, area
-    more_cell, more_area = np.empty(2 * needed, np.int64), np.empty(2 * needed, np.float64)
+    more_cell, more_area = np.empty(2 * needed, np.int32), np.empty(2 * needed, np.float64)
     for e in range(cell.size):  # a loop, since numba takes seconds to compile a slice assignment
         more_cell[e] = cell[e]
         more_area[e] = area[e]
@@ -190,15 +192,18 @@ def _(cells: Polygons, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
 
 
 @jit
-def _coverage(cells, bounds, lengths, x, y, radius, of, start, outside, cell, area, lines):
-    """Areas of discs, and of their images, in cells: fills start and outside, returns cell, area."""
+def _coverage(
+    cells, bounds, lengths, x, y, radius, of, start, outside, inside, cell, area, lines
+):  # fmt: skip
+    """Areas of discs, and of their images, in cells: fills start, outside, inside; returns cell, area."""
     west, east, south, north = bounds
     m = 0
     for k in range(x.size):
+        outside[k] = inside[k] = 0.0
+        start[k + 1] = m
         if not of[k]:
-            start[k + 1], outside[k] = m, 0.0
             continue
-        r, inside = radius[k], 0.0
+        r, total = radius[k], 0.0
         first_x, last_x = _repeats(x[k], r, west, east, lengths[0])
         first_y, last_y = _repeats(y[k], r, south, north, lengths[1])
         for along_y in range(first_y, last_y + 1):
@@ -206,30 +211,22 @@ def _coverage(cells, bounds, lengths, x, y, radius, of, start, outside, cell, ar
                 cx, cy = x[k] + along_x * lengths[0], y[k] + along_y * lengths[1]
                 i0, i1, j0, j1 = _reached(cells, cx, cy, r)
                 cell, area = _with_room(cell, area, m + _most(cells, i0, i1, j0, j1))
-                m, total = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines)
-                inside += total
-        start[k + 1], outside[k] = m, math.pi * r * r - inside
+                m, amount = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines)
+                total += amount
+        start[k + 1], outside[k], inside[k] = m, math.pi * r * r - total, total
     return cell, area
 
 
 @in_place
-def _sum_rows(start, amount, over):
-    """Fill `over` with one over the sum of each row; 0 of an empty one."""
-    for k in range(start.size - 1):
-        total = 0.0
-        for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-            total += amount[m]
-        over[k] = 1.0 / total if total > 0.0 else 0.0
-
-
-@in_place
-def _in_wet(start, cell, area, wet, wet_start, wet_cell, wet_area):
-    """Fill the rows with what lies in wet cells; returns the number of entries."""
+def _in_wet(start, cell, area, wet, wet_start, wet_cell, wet_area, inside):
+    """Fill the rows with what lies in wet cells, and `inside` with their sums; returns the number of entries."""
     m = 0
     for k in range(start.size - 1):
+        inside[k] = 0.0
         for e in range(start[k], start[k + 1]):
             if wet[cell[e]]:
                 wet_cell[m], wet_area[m] = cell[e], area[e]
+                inside[k] += area[e]
                 m += 1
         wet_start[k + 1] = m
     return m
@@ -385,29 +382,28 @@ def coverage(
     n = x.size
     rectilinear = grid.x_edges is not None
     cells = grid.axes if rectilinear else Polygons(grid.bins, grid.corner_x, grid.corner_y)
-    start, outside = np.zeros(n + 1, np.int64), np.empty(n)
+    start, outside, inside = np.zeros(n + 1, np.int64), np.empty(n), np.empty(n)
     cell, area = _coverage(
         cells, grid.bounds, check_period(grid, period), x, y, radius, np.ones(n, bool) if of is None else of,
-        start, outside, np.empty(12 * n, np.int64), np.empty(12 * n),
+        start, outside, inside, np.empty(12 * n, np.int32), np.empty(12 * n),
         tuple(np.empty((3, grid.x_edges.size if rectilinear else 0))),
     )  # fmt: skip
-    return Coverage(start, cell[: start[-1]], area[: start[-1]], grid.size, outside)
+    return Coverage(start, cell[: start[-1]], area[: start[-1]], grid.size, outside, inside)
 
 
 def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
     """Weights "overlap": the areas in wet cells over their sum; wet is (grid.size,) bool."""
-    start, cell, area, size, _ = coverage
+    start, cell, area, size, _, inside = coverage
     if not wet.all():
-        start, cell, area = np.zeros_like(start), np.empty_like(cell), np.empty_like(area)
-        m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, area)
+        start, cell, area, inside = map(np.zeros_like, (start, cell, area, inside))
+        m = _in_wet(coverage.start, coverage.cell, coverage.area, wet, start, cell, area, inside)
         cell, area = cell[:m], area[:m]
-    return _weights(start, cell, area, size)
+    return Weights(start, cell, area, _over(inside), size)
 
 
-def _weights(start: np.ndarray, cell: np.ndarray, amount: np.ndarray, size: int) -> Weights:
-    over = np.empty(start.size - 1)
-    _sum_rows(start, amount, over)
-    return Weights(start, cell, amount, over, size)
+def _over(total: np.ndarray) -> np.ndarray:
+    """One over the sums of rows; 0 of empty ones."""
+    return np.divide(1.0, total, out=np.zeros(total.size), where=total > 0.0)
 
 
 def _around(
@@ -441,10 +437,8 @@ def _bilinear(
     return cells, weights
 
 
-def _centre_weights(
-    grid: Grid, x: np.ndarray, y: np.ndarray, period: Period
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights by the cells at floe centres, dry ones left out, not yet summing to 1."""
+def _centre_weights(grid: Grid, x: np.ndarray, y: np.ndarray, period: Period) -> Weights:
+    """Weights by the cells at floe centres, dry ones left out."""
     west, east, south, north = grid.bounds
     floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
     # Here the far rim is inside, lest a centre that round-off puts on the seam falls through.
@@ -463,7 +457,10 @@ def _centre_weights(
     keep = grid.wet[cells] & (weights > 0)
     entries = np.zeros(x.size, np.int64)
     entries[held] = keep.sum(axis=1)
-    return np.concatenate([[0], np.cumsum(entries)]), cells[keep], weights[keep]
+    total = np.zeros(x.size)
+    total[held] = weights.sum(axis=1, where=keep)
+    start = np.concatenate([[0], np.cumsum(entries)])
+    return Weights(start, cells[keep].astype(np.int32), weights[keep], _over(total), grid.size)
 
 
 def floe_weights(
@@ -494,7 +491,7 @@ def floe_weights(
     if accuracy != "centre":
         raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
     x, y, radius = check_floes(x, y, radius)
-    return _weights(*_centre_weights(grid, x, y, period), grid.size)
+    return _centre_weights(grid, x, y, period)
 
 
 def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

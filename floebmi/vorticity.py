@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from floebmi.grid import Grid
-from floebmi.kernels import jit
+from floebmi.kernels import in_place
 
 
 def gradient_operators(grid: Grid) -> tuple[sparse.csr_array, sparse.csr_array]:
@@ -57,7 +57,7 @@ def _uniform(grid: Grid) -> np.ndarray:
     return inner.ravel()
 
 
-@jit
+@in_place
 def _differences(runs, nx, ax, bx, ay, by, u, v, out):
     """Curl where the fit is symmetric: weights a of the cells beside, b of those across a corner."""
     one = np.uintp(1)
@@ -72,6 +72,18 @@ def _differences(runs, nx, ax, bx, ay, by, u, v, out):
             out[c] = v_x - u_y
 
 
+@in_place
+def _rows(cells, along_x, along_y, u, v, out):
+    """Curl in some cells, from their rows of the operators: (indptr, indices, data) of each."""
+    for k in range(cells.size):
+        total = 0.0
+        for e in range(along_x[0][k], along_x[0][k + 1]):
+            total += along_x[2][e] * v[along_x[1][e]]
+        for e in range(along_y[0][k], along_y[0][k + 1]):
+            total -= along_y[2][e] * u[along_y[1][e]]
+        out[cells[k]] = total
+
+
 class Vorticity:
     """Curl of a velocity on a grid; the operators are made once.
 
@@ -84,7 +96,10 @@ class Vorticity:
         self.rest = np.flatnonzero(~inner)
         ends = np.flatnonzero(np.diff(inner.astype(np.int8), prepend=0, append=0))
         self.runs = ends.reshape(-1, 2)  # of cells in a row, from and to
-        self.along_x, self.along_y = along_x[self.rest], along_y[self.rest]
+        self.along_x, self.along_y = (
+            (rows.indptr, rows.indices, rows.data)
+            for rows in (along_x[self.rest], along_y[self.rest])
+        )
         if len(self.runs):
             c, nx = self.runs[0, 0], grid.shape[1]
             self.weights = (
@@ -94,7 +109,7 @@ class Vorticity:
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """∂v/∂x − ∂u/∂y [1/s], shape (size,), counter-clockwise positive; dry cells are not read."""
         out = np.empty(u.size)
-        out[self.rest] = self.along_x @ v - self.along_y @ u
+        _rows(self.rest, self.along_x, self.along_y, u, v, out)
         if len(self.runs):
             _differences(self.runs, *self.weights, u, v, out)
         return out
