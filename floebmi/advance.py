@@ -598,13 +598,12 @@ class Advance:
             self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
         )
         energy = float(rows[:, -1].sum())
-        for w, wall in enumerate(walls):
-            near = p.floes[self.walls.floe[self.walls.number == w]]
-            gap = wall.side * ((near.x if wall.axis == 0 else near.y) - wall.position) - near.r
-            pressed = np.minimum(gap, 0.0)
-            if self.contact is not None:
-                k_n = self.contact.elastic.youngs_modulus * near.h
-                energy += float((0.5 * k_n * pressed**2).sum())
+        floe, number = self.walls.floe, self.walls.number
+        if len(floe):
+            x, y, r, h = (p.floes[name][floe] for name in ("x", "y", "r", "h"))
+            axis, side, position = (walls[name][number] for name in ("axis", "side", "position"))
+            pressed = np.minimum(side * (np.where(axis == 0, x, y) - position) - r, 0.0)
+            energy += 0.5 * self.contact.elastic.youngs_modulus * float((h * pressed**2).sum())
         return energy
 
     def stock(self) -> np.ndarray:
