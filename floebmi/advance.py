@@ -96,9 +96,7 @@ class State:
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
     kept: Kept | None = None  # the list whose slots the memory is in
-    drawn: dict | None = (
-        None  # of a copy: the state that the random numbers, which it shares, had then
-    )
+    drawn: dict | None = None  # of a copy, which shares the rng: its state then
 
     def copy(self) -> "State":
         """The same, to go back to; what is never changed in place is shared."""

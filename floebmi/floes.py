@@ -285,7 +285,7 @@ class Floes:
         return (
             len(self) == len(other)
             and mine == other._columns.keys()
-            and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in shared)
+            and all((getattr(self, name) == getattr(other, name)).all() for name in shared)
         )
 
     def copy(self) -> "Floes":
