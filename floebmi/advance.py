@@ -131,8 +131,8 @@ class Advance:
     `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
     the work.
 
-    The list holds all pairs that may touch before a floe has strayed half of `skin`; the step is found from those
-    that may before one has strayed half of `closing` [m].
+    The list holds all pairs that may touch before any two floes have neared each other by `skin`; the step is found
+    from those that may before they have by `closing` [m].
     """
 
     def __init__(
@@ -313,10 +313,10 @@ class Advance:
         self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
 
     def _strayed(self, seen: Survey) -> float:
-        """At most so far apart may floes be from where they were marked, by a sum over exchanges."""
+        """Half of how much nearer two floes, or a floe and a wall, may be than when marked, by a sum over exchanges."""
         _, _, walls, before = self.marked
         apart = np.abs(self.state.walls.position - walls).max(initial=0.0)
-        return before + max(seen.strayed, float(apart))
+        return before + seen.strayed + 0.5 * float(apart)
 
     def _stray_on(self) -> bool:
         """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
@@ -521,7 +521,7 @@ class Advance:
             return np.inf
         # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
         return (
-            0.5 * self.skin if self.contact is not None else 0.1 * float(np.sqrt(self.domain.area))
+            0.5 * self.skin if self.contact is not None else 0.05 * float(np.sqrt(self.domain.area))
         )
 
     def _kernel(self, dt: float, steps: int) -> int:

@@ -540,7 +540,7 @@ class Survey(NamedTuple):
 
     finite : all places, velocities and angles are numbers; energy : kinetic [J]
     pace, which : how fast the fastest for its radius is [radii per s], and its packed index
-    strayed : largest way of a floe from where it was marked [m]
+    strayed : half the largest way of a floe relative to another, from where they were marked [m]
     """
 
     finite: bool
@@ -554,10 +554,11 @@ class Survey(NamedTuple):
 def survey(packed, x, y, keep_still):
     """A `Survey` of floes that were marked at x, y, as a tuple.
 
-    keep_still : there are walls or edges, which do not drift along; else ways are relative to the common drift
+    keep_still : there are walls, coast or edges, and their way counts as well, which is none
     """
     p, finite, energy, pace2, which = packed, True, 0.0, 0.0, 0
-    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    none = 0.0 if keep_still or p.floes.size == 0 else np.inf
+    west, east, south, north = none, -none, none, -none
     for k in range(p.floes.size):
         floe = p.floes[k]
         speed2 = floe.u * floe.u + floe.v * floe.v
@@ -571,13 +572,7 @@ def survey(packed, x, y, keep_still):
             pace2, which = here2, k
         west, east = min(west, along_x), max(east, along_x)
         south, north = min(south, along_y), max(north, along_y)
-    if p.floes.size == 0:
-        return finite, energy, 0.0, which, 0.0
-    if keep_still:
-        along_x, along_y = max(abs(west), abs(east)), max(abs(south), abs(north))
-    else:
-        along_x, along_y = 0.5 * (east - west), 0.5 * (north - south)
-    strayed = np.sqrt(along_x * along_x + along_y * along_y)
+    strayed = 0.5 * np.sqrt((east - west) ** 2 + (north - south) ** 2)
     return finite, energy, np.sqrt(pace2), which, strayed
 
 
