@@ -16,11 +16,14 @@ from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import (
+    NEARLY,
     Books,
     Laws,
     Lists,
+    Marked,
     Step,
     Walls,
+    strayed,
     taylor,
     touch_all,
     verlet,
@@ -67,7 +70,6 @@ CLOSING = 0.3
 WIDEST = 6.0  # how much wider than that the list of pairs may be
 FEW = 3000  # a list costs as much as one of so many floes more would: few floes rather have a wider one
 NEAR = 0.1  # the skin of the short list, of the same
-NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
 
 
 @dataclass
@@ -304,19 +306,13 @@ class Advance:
 
         travelled : how far they had strayed before, in earlier exchanges [m]
         """
-        self.marked = x, y, self.state.walls.position.copy(), travelled
+        self.marked = Marked(x, y, self.state.walls["position"].copy(), travelled, self.still)
         self.travelled = travelled
 
     def _mark_anew(self) -> None:
         """The way up to here takes from the room that is left; from here on another is counted."""
         self.room -= self.travelled
         self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
-
-    def _strayed(self, seen: Survey) -> float:
-        """Half of how much nearer two floes, or a floe and a wall, may be than when marked, by a sum over exchanges."""
-        _, _, walls, before = self.marked
-        apart = np.abs(self.state.walls.position - walls).max(initial=0.0)
-        return before + seen.strayed + 0.5 * float(apart)
 
     def _stray_on(self) -> bool:
         """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
@@ -503,9 +499,8 @@ class Advance:
             n = self._kernel(dt, steps - taken)
             taken += n
             self._count(n, dt)
-            seen = Survey(*survey(self.packed, *self.marked[:2], self.still))
-            self._check(seen, dt, done + taken * dt)
-            self.travelled = self._strayed(seen)
+            self._check(Survey(*survey(self.packed)), dt, done + taken * dt)
+            self.travelled = strayed(self.packed.floes, self.walls.walls, self.marked)
             if self.travelled > NEARLY * self._reach():
                 break
         reached = done + taken * dt
@@ -534,7 +529,7 @@ class Advance:
         else:
             parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
-            rest = dt, steps, substeps, *way, self.step.drag_every, self.lag
+            rest = dt, steps, substeps, self.marked, *way, self.step.drag_every, self.lag
             if len(self.tiles.chunks) == 2:
                 done = verlet(*floes, *rest, self.buffers)
             else:

@@ -65,6 +65,7 @@ class Step(NamedTuple):
     drag_every: Count = 1
 
 
+NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
 WALL = np.dtype(
     [
         ("axis", np.int64),  # 0: the wall stands across x, 1: across y
@@ -108,6 +109,20 @@ class Walls(NamedTuple):
     floe: np.ndarray
     number: np.ndarray  # of the wall
     damped: np.ndarray | None  # force of the dashpots [N], since the list was made
+
+
+class Marked(NamedTuple):
+    """Where floes and walls were when what holds until they have strayed too far was found.
+
+    x, y, walls : places [m]; before : how far they had strayed by then, in earlier exchanges [m]
+    still : there are walls or edges, which do not drift along with the floes
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    walls: np.ndarray
+    before: float
+    still: bool
 
 
 class Books(NamedTuple):
@@ -550,10 +565,10 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
 
 @in_place
 def verlet(
-    laws, forces, at, packed, lists, walls, books, dt, steps, substeps, travelled, half_skin,
+    laws, forces, at, packed, lists, walls, books, dt, steps, substeps, marked, travelled, reach,
     drag_every, lag, buffers,
 ):  # fmt: skip
-    """Up to `steps` steps of dt; ends early when the list may be stale. Returns steps done.
+    """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
 
     The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
     move and touch tile by tile, while they are in the cache, unless the short list is to be made anew between.
@@ -565,7 +580,11 @@ def verlet(
         last - last
     )  # a zero, but no literal: for one the compiler would make kernels of their own
     done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
-    while done < steps and travelled < half_skin:
+    while done < steps:
+        if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
+            travelled = strayed(p.floes, walls.walls, marked)
+            if not travelled < NEARLY * reach:
+                break
         lag[0] += dt
         lag[1] += 1.0
         due = lag[1] >= drag_every or done == steps - 1
@@ -592,6 +611,32 @@ def verlet(
 
 
 @in_place
+def strayed(floes, walls, marked):
+    """Half of how much nearer any two floes, or a floe and a wall, may be than when they were marked [m]."""
+    none = 0.0 if marked.still or floes.size == 0 else np.inf
+    west, east, south, north = none, -none, none, -none
+    for k in range(floes.size):
+        x, y = floes[k].x - marked.x[k], floes[k].y - marked.y[k]
+        west, east = min(west, x), max(east, x)
+        south, north = min(south, y), max(north, y)
+    apart = np.sqrt((east - west) ** 2 + (north - south) ** 2) + way_of_walls(walls, marked.walls)
+    return marked.before + 0.5 * apart
+
+
+@dispatched
+def way_of_walls(walls, positions):
+    longest = 0.0
+    for w in range(walls.size):
+        longest = max(longest, abs(walls[w].position - positions[w]))
+    return longest
+
+
+@way_of_walls.register
+def _(walls: None, positions):
+    return 0.0
+
+
+@in_place
 def is_stale(since, way, skin):
     """Whether a pair that is not on the short list may touch after the next step.
 
@@ -602,7 +647,7 @@ def is_stale(since, way, skin):
 
 @in_place
 def taylor(
-    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, half_skin,
+    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, reach,
     buffers,
 ):  # fmt: skip
     """The paper's schemes: forces at the old place and velocity, then one Taylor step.
@@ -617,7 +662,7 @@ def taylor(
     ahead = 0.5 if third_order else 0.0
     pair_buffer, buffer = buffers
     done, way, since = 0, 0.0, np.inf
-    while done < steps and travelled < half_skin:
+    while done < steps and travelled < reach:
         forget(p.spinning, p.force)
         if is_stale(since, way, lists.skin):
             narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,

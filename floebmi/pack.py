@@ -540,40 +540,29 @@ class Survey(NamedTuple):
 
     finite : all places, velocities and angles are numbers; energy : kinetic [J]
     pace, which : how fast the fastest for its radius is [radii per s], and its packed index
-    strayed : half the largest way of a floe relative to another, from where they were marked [m]
     """
 
     finite: bool
     energy: float
     pace: float
     which: int
-    strayed: float
 
 
 @in_place
-def survey(packed, x, y, keep_still):
-    """A `Survey` of floes that were marked at x, y, as a tuple.
-
-    keep_still : there are walls, coast or edges, and their way counts as well, which is none
-    """
+def survey(packed):
+    """A `Survey` as a tuple."""
     p, finite, energy, pace2, which = packed, True, 0.0, 0.0, 0
-    none = 0.0 if keep_still or p.floes.size == 0 else np.inf
-    west, east, south, north = none, -none, none, -none
     for k in range(p.floes.size):
         floe = p.floes[k]
         speed2 = floe.u * floe.u + floe.v * floe.v
-        along_x, along_y = floe.x - x[k], floe.y - y[k]
         # no isfinite: with fast mathematics x − x is 0 whatever x is
-        finite &= (speed2 < np.inf) & (abs(along_x) < np.inf) & (abs(along_y) < np.inf)
+        finite &= (speed2 < np.inf) & (abs(floe.x) < np.inf) & (abs(floe.y) < np.inf)
         finite &= abs(turned(p.spinning, p.angle, k)) < np.inf
         energy += 0.5 * p.mass[k] * speed2
         here2 = speed2 / (floe.r * floe.r)
         if here2 > pace2:
             pace2, which = here2, k
-        west, east = min(west, along_x), max(east, along_x)
-        south, north = min(south, along_y), max(north, along_y)
-    strayed = 0.5 * np.sqrt((east - west) ** 2 + (north - south) ** 2)
-    return finite, energy, np.sqrt(pace2), which, strayed
+    return finite, energy, np.sqrt(pace2), which
 
 
 @dispatched

@@ -8,13 +8,16 @@ import numpy as np
 
 from floebmi.columns import PAIR_BUFFER
 from floebmi.dynamics import (
+    NEARLY,
     Books,
     Laws,
     Lists,
+    Marked,
     Walls,
     end_steps,
     is_stale,
     move_walls,
+    strayed,
     sweep,
 )
 from floebmi.forces import FORCE_BUFFER
@@ -24,7 +27,7 @@ from floebmi.pairs import narrow, settle
 
 def verlet(
     threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, dt: float, steps: int,
-    substeps: np.ndarray, travelled: float, half_skin: float, drag_every: int, lag: np.ndarray,
+    substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
     p, chunks = packed, lists.tiles.chunks
@@ -51,7 +54,11 @@ def verlet(
             narrow(*period, p.floes, lists.near, first, last, lists.gap, lists.skin + 2.0 * way)
             return steps_of(False, True)(thread, first, last)
 
-        while done < steps and travelled < half_skin:
+        while done < steps:
+            if not travelled < reach:
+                travelled = strayed(p.floes, walls.walls, marked)
+                if not travelled < NEARLY * reach:
+                    break
             lag[0] += dt
             lag[1] += 1.0
             due = lag[1] >= drag_every or done == steps - 1
