@@ -4,8 +4,9 @@ What leaves the box on one side comes in on the other, and wind and current are 
 only share momentum out among the floes (thick ones are turned more by the Coriolis force, so they do meet).  The
 same is done with some floes aground, which hold the pack, and with one floe alone, in free drift.
 
-    python examples/drift_in_a_box.py topaz_point_80N37E_hourly_29d.nc
+    python examples/drift_in_a_box.py [FILE]
 
+reads hourly wind and current at one place (by default 29 days at 80° N 37° E, examples/gallery/drift_29_days.nc),
 writes the floes and a picture into the folder, and prints the ledgers, and for each drift the complex number a
 that fits  ice velocity = current + a × wind  best: |a| is the wind factor, its angle the turning angle.
 """
@@ -22,6 +23,7 @@ from floebmi.floes import FIXED
 from floebmi.forces import DRAG_PRESETS
 from floebmi.running import Report
 
+POINT = Path(__file__).parent / "gallery" / "drift_29_days.nc"
 SIDE = 70e3  # of the box [m]
 SPREAD = 0.3  # standard deviation of the logarithm of thickness
 OCEAN, AIR = DRAG_PRESETS["constant-cd"]
@@ -151,7 +153,7 @@ if __name__ == "__main__":
     words = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    words.add_argument("path", type=Path, help="topaz_point_80N37E_hourly_29d.nc")
+    words.add_argument("path", type=Path, nargs="?", default=POINT)
     words.add_argument("--folder", type=Path, default=Path("drift-in-a-box"))
     words.add_argument("--hours", type=float, default=695.0, help="at most 695, the file's")
     words.add_argument("--aground", type=int, default=10, help="floes that hold the pack")

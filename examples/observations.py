@@ -93,7 +93,7 @@ def slope(radii: np.ndarray, least: float) -> tuple[float, float]:
 
 def modelled(data: Path, folder: Path, hours: float, days: float, radius: float) -> tuple[dict[str, Tracks], complex, np.ndarray]:  # fmt: skip
     """Tracks of the model's floes, the wind factor of the pack in the box, and the radii in the Barents Sea [m]."""
-    point = data / "topaz_point_80N37E_hourly_29d.nc"
+    point = drift_in_a_box.POINT
     found = drift_in_a_box.main(point, folder / "box", hours=hours, radius=radius)
     pack = next(run for run, _ in found.values())
     with xr.open_dataset(point) as file:
