@@ -21,6 +21,7 @@ import xarray as xr
 import floebmi as fb
 from floebmi.floes import FIXED
 from floebmi.forces import DRAG_PRESETS
+from floebmi.plot import graph
 from floebmi.running import Report
 
 POINT = Path(__file__).parent / "gallery" / "drift_29_days.nc"
@@ -84,13 +85,7 @@ def drift(
 
 def draw(to: Path, drifts: dict[str, Drift]) -> None:
     """The tracks, with a mark each week, and the speeds."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    from floebmi.plot import style
-
-    with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
-        figure = Figure(figsize=(8, 7), dpi=130, layout="constrained")
+    with graph(8, 7) as figure:
         tracks, speeds = figure.subplots(2, 1)
         looks = (("-", 3.0), ("--", 1.4), ("-", 1.4))
         for (name, run), (line, width) in zip(drifts.items(), looks, strict=True):
@@ -104,7 +99,7 @@ def draw(to: Path, drifts: dict[str, Drift]) -> None:
         tracks.legend()
         speeds.set(xlabel="time [days]", ylabel="speed [m s⁻¹]", ylim=(0, None), xlim=(0, days[-1]))
         speeds.set_title("Their mean speed")
-        figure.savefig(to)
+        figure.savefig(to, dpi=130)
 
 
 def main(
