@@ -68,10 +68,10 @@ def draw(costs: dict[str, dict[float, float]], to: Path) -> None:
         panels = figure.subplots(1, len(costs), sharey=True)
         for panel, (what, spent), color in zip(panels, costs.items(), LINES, strict=False):
             panel.plot([*spent], [*spent.values()], "o-", color=color)
-            panel.set(xlabel=f"{what} [1]", ylim=(0, None))
+            panel.set_xlabel(f"{what} [1]")
             if max(spent) > 1:
                 panel.set_xscale("log")
-        panels[0].set_ylabel("time of a floe-step [ns]")
+        panels[0].set(ylabel="time of a floe-step [ns]", ylim=(0, None))
         figure.savefig(to, dpi=130)
 
 
