@@ -1,7 +1,7 @@
 """Forces other than contacts: a new force goes here, and only here.
 
 A force is a law (a few numbers), what it needs at each floe (`at_floes`), its acceleration with the exact
-derivative in the velocity (`acceleration`), and a bound on its rate (`rate`).  All forces of a scene act
+derivative in the velocity (`acceleration`), and a bound on its rate (`add_fastest_rate`).  All forces of a scene act
 together in one linearly implicit step,
 
     (1 − Δt/2 Σ J) δu = Δt Σ a(u),        J = ∂a/∂u,

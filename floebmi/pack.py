@@ -160,7 +160,10 @@ def pack_again(
     first_y: np.ndarray,
     previous: np.ndarray | None,
 ) -> Packed:
-    """The same floes, in the same arrays, where and as fast as they are now; see `pack`."""
+    """The same floes in the same arrays, at the places given and as fast as they are now; see `pack`.
+
+    Radius, thickness and prescribed motion are those of before; forces are left to be found.
+    """
     number = packed.number
     _set_going(packed.floes, first_x, first_y, number, floes.u, floes.v)
     if packed.spinning is not None:
@@ -190,9 +193,8 @@ def unpack(
     _put_back(
         p.floes, number, p.first_x, p.first_y, p.origin_x, p.origin_y, floes.x, floes.y, floes.u, floes.v
     )  # fmt: skip
-    if (
-        remainder is not None
-    ):  # not in a kernel: its compiler would find that rounding takes nothing
+    if remainder is not None:
+        # not in a kernel, whose fast mathematics would find that rounding takes nothing
         for axis, (place, now, first, origin) in enumerate(
             (
                 (floes.x, p.floes.x, p.first_x, p.origin_x),

@@ -146,7 +146,7 @@ def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
         west[i] = disc_west(place[i], r)
         south[i] = 0.0
     low = y_edges[np.uintp(j0)] - cy
-    # a disc that reaches beyond the grid has a part south of the first row
+    # a disc that reaches beyond the grid has a part south of it: a first row without height, which is not kept
     for j in range(np.uintp(j0 + (low <= -r)), np.uintp(j1 + 2)):
         high = y_edges[j] - cy
         below = disc_west(high, r)
