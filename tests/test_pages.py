@@ -39,6 +39,7 @@ PAGES = [
     if not MADE & set(path.relative_to(ROOT).parts)
 ]
 
+PROGRAMS = {"floebmi", "python", "mpirun", "bmi-test"}
 # Options at the end of a command that make it short: the last word counts.
 SHORTER = {
     "floebmi run labrador-sea": "--duration 7200",
@@ -162,7 +163,7 @@ def walk(page, given, long):
     """
     left, absent = {}, {}  # of each command, which may be told twice
     for above, kind, text in parts(page):
-        if (file := re.search(r"`(\w+\.\w+)`", above)) and above.endswith(":"):
+        if kind and (file := re.search(r"`(\w+\.(?:py|toml|csv|geojson))`.*:$", above)):
             Path(file[1]).write_text(text, encoding="utf-8")
         elif kind == "python":
             left = {"__name__": "__main__"} | ({} if given is None else left | given)
@@ -182,7 +183,7 @@ def walk(page, given, long):
                         absent[command] = do(command, folder, kind == "`", long)
         else:  # what a program prints; what Sphinx reads
             assert kind == "text" or kind.startswith("{"), f"a block of {kind!r} is not run"
-            assert not re.match("floebmi |python |mpirun ", text), f"a block of text is not run: {text}"  # fmt: skip
+            assert text.split()[0] not in PROGRAMS, f"a block of text is not run: {text}"
     return left, set().union(*absent.values())
 
 
@@ -198,10 +199,10 @@ def do(command, folder, mentioned, long):
             assert text in read(file), f"{file} does not run {command!r}"
             return set()
     words = words_of(command)
-    if words[0] == "floebmi":
-        if not understood(words) and mentioned:  # the name of a command
-            return set()
-    elif words[0] == "python":
+    assert words[0] in PROGRAMS, f"{command!r} is not run, nor said to be run elsewhere"
+    if words[0] == "floebmi" and not understood(words) and mentioned:  # the name of a command
+        return set()
+    if words[0] == "python":
         found = find_spec(words[2]) if words[1] == "-m" else (ROOT / words[1]).is_file()
         assert found, f"{command}: there is no such thing"
     if LONG.match(command) and not long:
@@ -350,6 +351,12 @@ def works(page, long):
 
 
 @pytest.mark.parametrize("page", PAGES)
+def test_no_block_of_a_page_is_passed_over(page):
+    ends = re.findall(r"^ *(?:```|~~~)", read(page), re.M)
+    assert len(ends) == 2 * len(FENCE.findall(read(page)))
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_what_a_page_tells_the_reader_to_write_and_run_works(page, elsewhere):
     works(page, long=False)
 
@@ -358,6 +365,13 @@ def test_what_a_page_tells_the_reader_to_write_and_run_works(page, elsewhere):
 @pytest.mark.parametrize("page", [one for one in PAGES if any(map(LONG.match, every_command(one)))])
 def test_what_takes_long_on_a_page_works_too(page, elsewhere):
     works(page, long=True)
+
+
+def test_the_extras_that_a_page_installs_are_those_of_the_package():
+    have = tomllib.loads(read("pyproject.toml"))["project"]["optional-dependencies"]
+    told = [command for page in PAGES for command in every_command(page)]
+    found = re.findall(r"pip install [^\n]*\.\[([\w,]+)\]", "\n".join(told))
+    assert len(found) > 5 and {one for each in found for one in each.split(",")} <= set(have)
 
 
 def test_no_entry_of_the_tables_is_without_its_command():
