@@ -348,47 +348,50 @@ def same_work(rows: list[dict]) -> bool:
     return rows[0]["floes"] < 5_000 or max(apart.values()) < SAME
 
 
-def figure(rows: list[dict], file: Path) -> None:
+def draw(rows: list[dict], file: Path) -> None:
     """Bars: how many times faster floebmi is, by scene; whiskers from the least to the most."""
-    import matplotlib.pyplot as plt
+    from floebmi.plot import LINES, graph
 
     rows = sorted(rows, key=lambda row: (row["size_ratio"], row["scene"][-5:], row["floes"]))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     names = {"lammps": "LAMMPS", "liggghts": "LIGGGHTS", "yade": "YADE"}
     others = [name for name in names if any(row["engine"] == name for row in rows)]
-    colours = dict(zip(others, ("#1f4e79", "#5b9bd5", "#a6a6a6"), strict=False))
-    fig, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
-    width = 0.8 / max(1, len(others))
-    for b, engine in enumerate(others):
-        here = [row for row in rows if row["engine"] == engine and "floebmi" in row["faster_by"]]
-        at = (
-            np.array([scenes.index(row["scene"]) for row in here])
-            + (b - 0.5 * len(others) + 0.5) * width
-        )
-        middle, low, high = np.array([row["faster_by"]["floebmi"] for row in here]).T
-        spread = [middle - low, high - middle]
-        bars = axes.bar(
-            at,
-            middle - 1,
-            width,
-            bottom=1,
-            yerr=spread,
-            capsize=3,
-            label=names[engine],
-            color=colours[engine],
-        )
-        axes.bar_label(bars, [f"{value:.1f}" for value in middle], padding=2, fontsize=8)
-    axes.axhline(1, color="black", linewidth=0.8)
-    axes.set_yscale("log")
-    axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
-    axes.minorticks_off()
-    axes.set_ylim(0.5, None)
-    axes.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes])
-    axes.set_ylabel("floebmi is faster by [times]")
-    axes.set_title("Frictional discs, packing 0.85, one core")
-    axes.legend(frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
-    fig.savefig(file, dpi=150)
+    colours = dict(zip(others, LINES, strict=False))
+    with graph(9, 4.2) as figure:
+        axes = figure.subplots()
+        width = 0.8 / max(1, len(others))
+        for b, engine in enumerate(others):
+            here = [
+                row for row in rows if row["engine"] == engine and "floebmi" in row["faster_by"]
+            ]
+            at = (
+                np.array([scenes.index(row["scene"]) for row in here])
+                + (b - 0.5 * len(others) + 0.5) * width
+            )
+            middle, low, high = np.array([row["faster_by"]["floebmi"] for row in here]).T
+            spread = [middle - low, high - middle]
+            bars = axes.bar(
+                at,
+                middle - 1,
+                width,
+                bottom=1,
+                yerr=spread,
+                capsize=3,
+                label=names[engine],
+                color=colours[engine],
+            )
+            axes.bar_label(bars, [f"{value:.1f}" for value in middle], padding=2, fontsize=8)
+        axes.axhline(1, color="black", linewidth=0.8)
+        axes.set_yscale("log")
+        axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+        axes.minorticks_off()
+        axes.set_ylim(0.5, None)
+        axes.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes])
+        axes.set_ylabel("floebmi is faster by [times]")
+        axes.set_title("Frictional discs, packing 0.85, one core")
+        axes.legend()
+        axes.spines[["top", "right"]].set_visible(False)
+        figure.savefig(file, dpi=150)
 
 
 def main() -> None:
@@ -442,7 +445,7 @@ def main() -> None:
                 if options.json:
                     options.json.write_text(json.dumps(rows, indent=1) + "\n")
     if options.figure and rows:
-        figure(rows, options.figure)
+        draw(rows, options.figure)
     if not alike:
         raise SystemExit(f"engines did not do the same work: they differ by more than {SAME:.0%}")
 

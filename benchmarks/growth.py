@@ -1,6 +1,7 @@
-"""How cost and memory grow with the number and the sizes of floes: `python -m benchmarks.growth [--largest 1000000]`.
+"""How cost and memory grow with number, sizes and packing of floes: `python -m benchmarks.growth [--figure FILE]`.
 
-Frictional discs in a periodic square at packing 0.85 with random velocities, double precision, one core.
+Frictional discs in a periodic square with random velocities, double precision, one core: 10 000 floes, size ratio 2,
+packing 0.85, and one of the three varied.
 Scenes take turns and the best of each counts, so that other work on the machine troubles all alike.
 Memory: arrays that a model and its contact list hold between two list renewals, counted one by one, those
 of a row per floe and those of a row per listed pair apart; and what the process grew by at its peak.
@@ -9,28 +10,40 @@ of a row per floe and those of a row per listed pair apart; and what the process
 import argparse
 import resource
 import time
+from pathlib import Path
 
 import numpy as np
 
 import floebmi as fb
 from floebmi.advance import Advance
+from floebmi.plot import LINES, graph
 
+FLOES, RATIO, PACKING = 10_000, 2.0, 0.85
+RATIOS, PACKINGS = (2, 10, 100), (0.85, 0.6, 0.3, 0.1)
 LAWS = {"frictional": fb.frictional, "cohesive": fb.cohesive}
 
 
-def pack(n: int, ratio: float, contact: fb.Contact) -> fb.Model:
+def pack(
+    n: int = FLOES,
+    ratio: float = RATIO,
+    packing: float = PACKING,
+    contact: fb.Contact | None = None,
+) -> fb.Model:
+    """Discs of radii from 1 m to `ratio`, frictional where no contact law is given."""
     sizes = fb.PowerLaw(1.0, ratio, -1.8)
-    side = float(np.sqrt(n * sizes.mean_area() / 0.85))
+    side = float(np.sqrt(n * sizes.mean_area() / packing))
     domain = fb.Domain((0, side), (0, side), "periodic", "periodic", "periodic", "periodic")
-    floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
+    floes = fb.scatter(domain, sizes, concentration=packing, seed=1)
     floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0, 0.1, (2, len(floes)))
-    model = fb.Model(domain, floes, contact=contact)
+    model = fb.Model(domain, floes, contact=contact or fb.frictional())
     model.advance(20 * model.longest_step())  # compiles
     return model
 
 
-def cost(models: dict[str, fb.Model], repeats: int, floe_steps: float) -> dict[str, float]:
-    """Best time of a floe-step [s], list renewals included."""
+def cost(
+    models: dict[float, fb.Model], repeats: int, floe_steps: float = 2e6
+) -> dict[float, float]:
+    """Best time of a floe-step [ns], list renewals included."""
     best = dict.fromkeys(models, np.inf)
     for _ in range(repeats):
         for name, model in models.items():
@@ -39,7 +52,27 @@ def cost(models: dict[str, fb.Model], repeats: int, floe_steps: float) -> dict[s
             model.advance(duration)
             spent = time.perf_counter() - start
             best[name] = min(best[name], spent / (model.counters.floe_steps - before))
-    return best
+    return {name: 1e9 * value for name, value in best.items()}
+
+
+def table(what: str, spent: dict[float, float]) -> None:
+    print(f"{what:<39}ns per floe-step   to the first")
+    first, *_ = spent.values()
+    for name, value in spent.items():
+        print(f"  {name:>34,}{value:>18.1f}{value / first:>15.2f}")
+
+
+def draw(costs: dict[str, dict[float, float]], to: Path) -> None:
+    """Cost of a floe-step against what is varied, a panel each."""
+    with graph(9, 3) as figure:
+        panels = figure.subplots(1, len(costs), sharey=True)
+        for panel, (what, spent), color in zip(panels, costs.items(), LINES, strict=False):
+            panel.plot([*spent], [*spent.values()], "o-", color=color)
+            panel.set_xlabel(f"{what} [1]")
+            if max(spent) > 1:
+                panel.set_xscale("log")
+        panels[0].set(ylabel="time of a floe-step [ns]", ylim=(0, None))
+        figure.savefig(to, dpi=130)
 
 
 def arrays_of(thing: object, seen: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
@@ -73,27 +106,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--largest", type=int, default=1_000_000)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw the costs")
     options = parser.parse_args()
     numbers = [n for n in (1_000, 10_000, 100_000, 1_000_000) if n <= options.largest]
 
-    print("number of floes, size ratio 2          ns per floe-step   to the first")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    models = {f"{n:,}": pack(n, 2.0, fb.frictional()) for n in numbers}
-    spent = cost(models, options.repeats, 2e6)
-    for name, value in spent.items():
-        print(f"  {name:>34}{value * 1e9:>18.1f}{value / spent['1,000']:>15.2f}")
-    largest = models[f"{numbers[-1]:,}"]
+    models = {n: pack(n) for n in numbers}
+    costs = {"number of floes": cost(models, options.repeats)}
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - peak)
-
-    print("size ratio, 10 000 floes               ns per floe-step   to the first")
-    sizes = {f"1:{ratio}": pack(10_000, ratio, fb.frictional()) for ratio in (2, 10, 100)}
-    spent = cost(sizes, options.repeats, 2e6)
-    for name, value in spent.items():
-        print(f"  {name:>34}{value * 1e9:>18.1f}{value / spent['1:2']:>15.2f}")
+    costs["size ratio"] = cost({ratio: pack(ratio=ratio) for ratio in RATIOS}, options.repeats)
+    costs["packing"] = cost({share: pack(packing=share) for share in PACKINGS}, options.repeats)
+    for what, spent in costs.items():
+        table(what, spent)
+    if options.figure:
+        draw(costs, options.figure)
 
     print("memory                                    bytes a floe   bytes a pair   pairs a floe")
     for name, law in LAWS.items():
-        model = largest if name == "frictional" else pack(10_000, 2.0, law())
+        model = models[numbers[-1]] if name == "frictional" else pack(contact=law())
         row = memory(model)
         print(f"  {name:>34}{row[0]:>18.0f}{row[1]:>15.1f}{row[2]:>15.2f}")
     total = sum(len(model.floes) for model in models.values())

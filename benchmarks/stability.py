@@ -127,34 +127,35 @@ def main() -> None:
 
 def draw(rates: dict[tuple[str, str, str], np.ndarray], path: Path) -> None:
     """One panel for each scheme: growth per step against the step over its limit."""
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    figure = Figure(figsize=(11, 4.4), layout="constrained")
-    axes = figure.subplots(1, len(SCHEMES), sharey=True)
-    colors = dict(zip(LAWS, ("#0072B2", "#E69F00", "#009E73", "#CC79A7"), strict=True))
-    marks = dict(zip(PACKS, ("o", "s", "^"), strict=True))
-    for axis, scheme in zip(axes, SCHEMES, strict=True):
-        for (pack, law, of), values in rates.items():
-            if of == scheme:
-                shown = np.where(np.isfinite(values), values, 1.0)
-                axis.plot(SHARES, shown, color=colors[law], marker=marks[pack], ms=4, lw=1)
-        axis.axvline(1.0, color="black", ls="--", lw=1)
-        axis.axhline(GROWS, color="gray", ls=":", lw=1)
-        axis.set(title=scheme, xlabel="step over the predicted limit", xlim=(0, SHARES[-1]))
-        axis.set_yscale("symlog", linthresh=1e-4)
-        axis.set_ylim(-3e-3, 2.0)
-        axis.grid(alpha=0.3)
-    axes[0].set_ylabel("growth of kinetic energy per step")
-    axes[0].text(0.99, 0.97, "predicted limit", rotation=90, ha="right", va="top", fontsize=8,
-                 transform=axes[0].get_xaxis_transform())  # fmt: skip
-    handles = [Line2D([], [], color=color, label=law) for law, color in colors.items()]
-    handles += [
-        Line2D([], [], color="black", marker=mark, ls="", ms=4, label=pack)
-        for pack, mark in marks.items()
-    ]
-    figure.legend(handles=handles, fontsize=8, loc="outside lower center", ncols=len(handles))
-    figure.savefig(path, dpi=130)
+    from floebmi.plot import graph
+
+    with graph(11, 4.4) as figure:
+        axes = figure.subplots(1, len(SCHEMES), sharey=True)
+        colors = dict(zip(LAWS, ("#0072B2", "#E69F00", "#009E73", "#CC79A7"), strict=True))
+        marks = dict(zip(PACKS, ("o", "s", "^"), strict=True))
+        for axis, scheme in zip(axes, SCHEMES, strict=True):
+            for (pack, law, of), values in rates.items():
+                if of == scheme:
+                    shown = np.where(np.isfinite(values), values, 1.0)
+                    axis.plot(SHARES, shown, color=colors[law], marker=marks[pack], ms=4, lw=1)
+            axis.axvline(1.0, color="black", ls="--", lw=1)
+            axis.axhline(GROWS, color="gray", ls=":", lw=1)
+            axis.set(title=scheme, xlabel="step over the predicted limit [1]", xlim=(0, SHARES[-1]))
+            axis.set_yscale("symlog", linthresh=1e-4)
+            axis.set_ylim(-3e-3, 2.0)
+            axis.grid(alpha=0.3)
+        axes[0].set_ylabel("growth of kinetic energy per step [1]")
+        axes[0].text(0.99, 0.97, "predicted limit", rotation=90, ha="right", va="top", fontsize=8,
+                     transform=axes[0].get_xaxis_transform())  # fmt: skip
+        handles = [Line2D([], [], color=color, label=law) for law, color in colors.items()]
+        handles += [
+            Line2D([], [], color="black", marker=mark, ls="", ms=4, label=pack)
+            for pack, mark in marks.items()
+        ]
+        figure.legend(handles=handles, fontsize=8, loc="outside lower center", ncols=len(handles))
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,16 @@
-"""One thread and two on the same dense pack: `python -m benchmarks.threads [--floes 100000] [--threads 2]`.
+"""One thread and several on the same dense packs: `python -m benchmarks.threads [--floes 10000,100000] [--threads 2]`.
 
 Frictional, packing 0.85, whole advances, in turn; the places at the end must be the same to the bit.
 """
 
 import argparse
 import time
+from pathlib import Path
 
 import numpy as np
 
 import floebmi as fb
+from floebmi.plot import graph
 
 
 def pack(floes: int) -> tuple[fb.Domain, fb.Floes]:
@@ -22,21 +24,15 @@ def pack(floes: int) -> tuple[fb.Domain, fb.Floes]:
     return domain, made
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", type=int, default=100_000)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--steps", type=int, default=300, help="of a repeat")
-    parser.add_argument("--repeats", type=int, default=5)
-    options = parser.parse_args()
-    domain, floes = pack(options.floes)
+def gain(count: int, threads: int, steps: int, repeats: int) -> np.ndarray:
+    """How many times as fast several threads are as one, of each repeat."""
+    domain, floes = pack(count)
     models = {
-        n: fb.Model(domain, floes.copy(), contact=fb.frictional(), threads=n)
-        for n in (1, options.threads)
+        n: fb.Model(domain, floes.copy(), contact=fb.frictional(), threads=n) for n in (1, threads)
     }
-    duration = options.steps * models[1].longest_step()
+    duration = steps * models[1].longest_step()
     rows = []
-    for _ in range(options.repeats + 1):  # the first compiles
+    for _ in range(repeats + 1):  # the first compiles
         row = []
         for model in models.values():
             begin = time.perf_counter()
@@ -45,12 +41,43 @@ def main() -> None:
         rows.append(row)
     one, several = np.array(rows[1:]).T
     ratio = one / several
-    same = np.array_equal(models[1].floes.x, models[options.threads].floes.x)
+    same = np.array_equal(models[1].floes.x, models[threads].floes.x)
     print(
-        f"{len(floes)} floes, {models[1].counters.steps} steps: {options.threads} threads are "
+        f"{len(floes)} floes, {models[1].counters.steps} steps: {threads} threads are "
         f"{np.median(ratio):.2f} ({ratio.min():.2f} … {ratio.max():.2f}) times as fast as one; "
         f"{'the same bits' if same else 'OTHER BITS'}"
     )
+    return ratio
+
+
+def draw(gains: dict[int, np.ndarray], threads: int, to: Path) -> None:
+    """The gain against the number of floes: median, and from the least to the most."""
+    middle, low, high = (
+        np.array([of(ratio) for ratio in gains.values()]) for of in (np.median, np.min, np.max)
+    )
+    with graph(5, 3) as figure:
+        axes = figure.subplots()
+        axes.errorbar([*gains], middle, [middle - low, high - middle], fmt="o-", capsize=3)
+        axes.axhline(1, color="gray", lw=1, ls=":")
+        axes.set(xlabel="number of floes [1]", ylabel=f"speed with {threads} threads over one [1]")
+        axes.set(xscale="log", ylim=(0, threads))
+        figure.savefig(to, dpi=130)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--floes", default="100000", help="several with commas between them")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--steps", type=int, default=300, help="of a repeat")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw the gains")
+    options = parser.parse_args()
+    gains = {
+        count: gain(count, options.threads, options.steps, options.repeats)
+        for count in map(int, options.floes.split(","))
+    }
+    if options.figure:
+        draw(gains, options.threads, options.figure)
 
 
 if __name__ == "__main__":

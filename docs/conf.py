@@ -63,15 +63,10 @@ ORDER = (
     "two_floes", "hexagonal_pack", "principal_stress", "shear", "strait", "nares_strait", "labrador_sea",
     "barents_miz", "drift_29_days", "size_distribution", "ledger", "accuracy_cost", "landlab_eddy", "veros_box",
 )  # fmt: skip
-FILES = {  # not shipped
-    name: ROOT.parent / "shared" / "data" / file
-    for name, file in (
-        ("barents_miz", "arctic20_ocean_ice_20160201-05.nc"),
-        ("drift_29_days", "topaz_point_80N37E_hourly_29d.nc"),
-    )
-}
-NEEDED = {"landlab_eddy": find_spec("landlab"), "veros_box": find_spec("veros")}
-NEEDED |= {name: path.exists() for name, path in FILES.items()}
+BARENTS = ROOT.parent / "shared" / "data" / "arctic20_ocean_ice_20160201-05.nc"  # not shipped
+NEEDED = {
+    "landlab_eddy": find_spec("landlab"), "veros_box": find_spec("veros"), "barents_miz": BARENTS.exists(),
+}  # fmt: skip
 NOT_RUN = "|".join(["no script", *(name for name, found in NEEDED.items() if not found)])
 warnings.filterwarnings("ignore", "ice not placed")
 warnings.filterwarnings("ignore", ".*set to the bound")
@@ -79,8 +74,7 @@ warnings.filterwarnings("ignore", ".*set to the bound")
 
 def words(gallery_conf, script):
     """What a script is given on its command line."""
-    name = Path(script["src_file"]).stem
-    return [str(FILES[name])] if name in FILES else []
+    return [str(BARENTS)] if Path(script["src_file"]).stem == "barents_miz" else []
 
 
 sphinx_gallery_conf = {

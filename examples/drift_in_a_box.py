@@ -4,8 +4,9 @@ What leaves the box on one side comes in on the other, and wind and current are 
 only share momentum out among the floes (thick ones are turned more by the Coriolis force, so they do meet).  The
 same is done with some floes aground, which hold the pack, and with one floe alone, in free drift.
 
-    python examples/drift_in_a_box.py topaz_point_80N37E_hourly_29d.nc
+    python examples/drift_in_a_box.py [FILE]
 
+reads hourly wind and current at one place (by default 29 days at 80° N 37° E, examples/gallery/drift_29_days.nc),
 writes the floes and a picture into the folder, and prints the ledgers, and for each drift the complex number a
 that fits  ice velocity = current + a × wind  best: |a| is the wind factor, its angle the turning angle.
 """
@@ -20,8 +21,10 @@ import xarray as xr
 import floebmi as fb
 from floebmi.floes import FIXED
 from floebmi.forces import DRAG_PRESETS
+from floebmi.plot import graph
 from floebmi.running import Report
 
+POINT = Path(__file__).parent / "gallery" / "drift_29_days.nc"
 SIDE = 70e3  # of the box [m]
 SPREAD = 0.3  # standard deviation of the logarithm of thickness
 OCEAN, AIR = DRAG_PRESETS["constant-cd"]
@@ -82,13 +85,7 @@ def drift(
 
 def draw(to: Path, drifts: dict[str, Drift]) -> None:
     """The tracks, with a mark each week, and the speeds."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    from floebmi.plot import style
-
-    with matplotlib.rc_context({**style(), "axes.facecolor": "white"}):
-        figure = Figure(figsize=(8, 7), dpi=130, layout="constrained")
+    with graph(8, 7) as figure:
         tracks, speeds = figure.subplots(2, 1)
         looks = (("-", 3.0), ("--", 1.4), ("-", 1.4))
         for (name, run), (line, width) in zip(drifts.items(), looks, strict=True):
@@ -102,7 +99,7 @@ def draw(to: Path, drifts: dict[str, Drift]) -> None:
         tracks.legend()
         speeds.set(xlabel="time [days]", ylabel="speed [m s⁻¹]", ylim=(0, None), xlim=(0, days[-1]))
         speeds.set_title("Their mean speed")
-        figure.savefig(to)
+        figure.savefig(to, dpi=130)
 
 
 def main(
@@ -151,7 +148,7 @@ if __name__ == "__main__":
     words = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    words.add_argument("path", type=Path, help="topaz_point_80N37E_hourly_29d.nc")
+    words.add_argument("path", type=Path, nargs="?", default=POINT)
     words.add_argument("--folder", type=Path, default=Path("drift-in-a-box"))
     words.add_argument("--hours", type=float, default=695.0, help="at most 695, the file's")
     words.add_argument("--aground", type=int, default=10, help="floes that hold the pack")

@@ -14,11 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from examples import barents_sea, drift_in_a_box
-from floebmi.plot import style
+from floebmi.plot import graph
 
 DAY = 86400.0
 Tracks = list[np.ndarray]  # complex positions x + i y [m], one a day
@@ -93,7 +91,7 @@ def slope(radii: np.ndarray, least: float) -> tuple[float, float]:
 
 def modelled(data: Path, folder: Path, hours: float, days: float, radius: float) -> tuple[dict[str, Tracks], complex, np.ndarray]:  # fmt: skip
     """Tracks of the model's floes, the wind factor of the pack in the box, and the radii in the Barents Sea [m]."""
-    point = data / "topaz_point_80N37E_hourly_29d.nc"
+    point = drift_in_a_box.POINT
     found = drift_in_a_box.main(point, folder / "box", hours=hours, radius=radius)
     pack = next(run for run, _ in found.values())
     with xr.open_dataset(point) as file:
@@ -153,8 +151,7 @@ def main(
 
 def draw(to: Path, found: dict[str, np.ndarray], radii: dict[str, np.ndarray]) -> None:
     """Shares of days slower than a speed, and of floes larger than a radius."""
-    with rc_context({**style(), "axes.facecolor": "white"}):
-        figure = Figure(figsize=(9, 4), dpi=130, layout="constrained")
+    with graph(9, 4) as figure:
         left, right = figure.subplots(1, 2)
         colors = {}
         for name, values in found.items():
@@ -172,7 +169,7 @@ def draw(to: Path, found: dict[str, np.ndarray], radii: dict[str, np.ndarray]) -
         ticks = [2, 4, 10, 20]
         right.set_xticks(ticks, [str(tick) for tick in ticks])
         right.set_xticks([], minor=True)
-        figure.savefig(to)
+        figure.savefig(to, dpi=130)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from coupling.driver import HEADER, Exchange
 from coupling.vectors import Staggered
 from floebmi.errors import InputError
 from floebmi.forces import DRAG_PRESETS
+from floebmi.plot import graph
 
 STAGES = (1 / 6, 1 / 6, 2 / 3)  # weights of the host's third-order Runge-Kutta scheme
 SIDE = (40e3, 30e3)
@@ -226,52 +227,47 @@ def _middle(basin: IcyBasin) -> tuple[float]:
 
 
 def _draw(path: Path, icy: IcyBasin, rows: np.ndarray, worst: float, water: float) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
     from matplotlib.collections import EllipseCollection
     from matplotlib.colors import ListedColormap
 
-    light = ListedColormap(
-        plt.get_cmap("Blues")(np.linspace(0, 0.6, 256))
-    )  # what is on it is legible
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12.5, 4.4), layout="constrained")
-    grid, floes = icy.grid, icy.model.floes
-    x, y = grid.x_c / 1e3, grid.y_c / 1e3
-    diameter = 2 * floes.radius / 1e3
-    ice = EllipseCollection(
-        diameter, diameter, 0 * diameter, units="xy", offsets=np.c_[floes.x, floes.y] / 1e3,
-        transOffset=left.transData, cmap=light, ec="0.5", lw=0.2,
-    )  # fmt: skip
-    ice.set_array(np.hypot(floes.u, floes.v))
-    ice.set_clim(0, None)
-    left.add_collection(ice)
-    levels = left.contour(x, y, icy.state["eta"], 7, colors="#d55e00", linewidths=1.2)
-    left.clabel(levels, fmt="%.2f m", fontsize=8)
-    step = max(1, len(x) // 12)
-    u, v = (icy.faces[name].state(icy.state[name]).reshape(grid.Ny, grid.Nx) for name in "uv")
-    some = (slice(step // 2, None, step),) * 2
-    arrows = left.quiver(
-        x[some[1]], y[some[0]], u[some], v[some], color="black", scale=4.0, width=3e-3, zorder=3
-    )
-    left.quiverkey(arrows, 0.8, -0.095, 0.2, "current 0.2 m/s", labelpos="E")
-    left.set(
-        xlabel="x [km]", ylabel="y [km]", aspect="equal", xlim=(0, SIDE[0] / 1e3), ylim=(0, SIDE[1] / 1e3),
-        title=f"after {rows[-1, 0] / 3600:g} h; lines: elevation of the surface",
-    )  # fmt: skip
-    figure.colorbar(ice, ax=left, label="speed of the ice [m/s]", aspect=30, pad=0.01)
-    right.plot(rows[:, 0] / 3600, rows[:, 2], color="black", lw=1, label="without ice")
-    right.plot(rows[:, 0] / 3600, rows[:, 1], color="#0072b2", lw=2, label="under the ice")
-    most = 1.3 * np.abs(rows[:, 1:]).max()
-    right.set(
-        xlabel="time [h]", ylabel="current along x in the middle [m/s]", ylim=(-most, most),
-        title=f"ledger closes to {worst:.0e}, the water's own books to {water:.0e}",
-    )  # fmt: skip
-    right.grid(alpha=0.3)
-    right.legend(loc="upper center", ncol=2)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    light = ListedColormap(colormaps["Blues"](np.linspace(0, 0.6, 256)))  # what is on it is legible
+    with graph(12.5, 4.4) as figure:
+        (left, right) = figure.subplots(1, 2)
+        grid, floes = icy.grid, icy.model.floes
+        x, y = grid.x_c / 1e3, grid.y_c / 1e3
+        diameter = 2 * floes.radius / 1e3
+        ice = EllipseCollection(
+            diameter, diameter, 0 * diameter, units="xy", offsets=np.c_[floes.x, floes.y] / 1e3,
+            transOffset=left.transData, cmap=light, ec="0.5", lw=0.2,
+        )  # fmt: skip
+        ice.set_array(np.hypot(floes.u, floes.v))
+        ice.set_clim(0, None)
+        left.add_collection(ice)
+        levels = left.contour(x, y, icy.state["eta"], 7, colors="#d55e00", linewidths=1.2)
+        left.clabel(levels, fmt="%.2f m", fontsize=8)
+        step = max(1, len(x) // 12)
+        u, v = (icy.faces[name].state(icy.state[name]).reshape(grid.Ny, grid.Nx) for name in "uv")
+        some = (slice(step // 2, None, step),) * 2
+        arrows = left.quiver(
+            x[some[1]], y[some[0]], u[some], v[some], color="black", scale=4.0, width=3e-3, zorder=3
+        )
+        left.quiverkey(arrows, 0.8, -0.095, 0.2, "current 0.2 m/s", labelpos="E")
+        left.set(
+            xlabel="x [km]", ylabel="y [km]", aspect="equal", xlim=(0, SIDE[0] / 1e3), ylim=(0, SIDE[1] / 1e3),
+            title=f"after {rows[-1, 0] / 3600:g} h; lines: elevation of the surface",
+        )  # fmt: skip
+        figure.colorbar(ice, ax=left, label="speed of the ice [m/s]", aspect=30, pad=0.01)
+        right.plot(rows[:, 0] / 3600, rows[:, 2], color="black", lw=1, label="without ice")
+        right.plot(rows[:, 0] / 3600, rows[:, 1], color="#0072b2", lw=2, label="under the ice")
+        most = 1.3 * np.abs(rows[:, 1:]).max()
+        right.set(
+            xlabel="time [h]", ylabel="current along x in the middle [m/s]", ylim=(-most, most),
+            title=f"ledger closes to {worst:.0e}, the water's own books to {water:.0e}",
+        )  # fmt: skip
+        right.grid(alpha=0.3)
+        right.legend(loc="upper center", ncol=2)
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

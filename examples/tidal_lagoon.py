@@ -25,6 +25,7 @@ from coupling.landlab import SeaIceFloes
 from floebmi import frictional
 from floebmi.coast import from_land_fraction
 from floebmi.forces import DRAG_PRESETS, CoriolisField, Tilt
+from floebmi.plot import LAND, graph
 
 SPACING = 100.0  # [m]
 SHAPE = (31, 46)
@@ -118,43 +119,37 @@ def _picture(title: str, ice: SeaIceFloes, grid: RasterModelGrid) -> tuple:
 
 
 def _draw(path: Path, pictures: list[tuple], grid: RasterModelGrid) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
     from matplotlib.collections import EllipseCollection
 
     x, y = (values.reshape(SHAPE) / 1e3 for values in (grid.x_of_node, grid.y_of_node))
     bed = grid.at_node["topographic__elevation"].reshape(SHAPE)
-    figure, panels = plt.subplots(
-        1, 3, figsize=(14, 3.9), sharey=True, sharex=True, layout="constrained"
-    )
-    fastest = max(picture[4].max() for picture in pictures)
-    some = (slice(1, None, 2), slice(1, None, 3))
-    for panel, (title, fx, fy, radius, speed, water) in zip(panels, pictures, strict=True):
-        sea = panel.pcolormesh(x, y, -bed, cmap="Greys", vmin=0, vmax=12, rasterized=True)
-        panel.contourf(x, y, bed, levels=[0, 10], colors=["#8c6d46"])
-        ice = EllipseCollection(
-            2 * radius / 1e3, 2 * radius / 1e3, 0 * radius, units="xy", offsets=np.c_[fx, fy] / 1e3,
-            transOffset=panel.transData, cmap="viridis", ec="white", lw=0.2,
-        )  # fmt: skip
-        ice.set_array(speed)
-        ice.set_clim(0, fastest)
-        panel.add_collection(ice)
-        moving = (bed[some] < 0) & (np.hypot(*(w[some] for w in water)) > 0.02)
-        arrows = panel.quiver(
-            *(values[some][moving] for values in (x, y, *water)), scale=3.0, width=3e-3, color="#d55e00",
-            ec="white", lw=0.3, zorder=3,
-        )  # fmt: skip
-        panel.set(
-            title=title, xlabel="x [km]", aspect="equal", xlim=(0, x.max()), ylim=(0, y.max())
-        )
-    panels[2].quiverkey(arrows, 0.72, -0.17, 0.3, "current 0.3 m/s", labelpos="E")
-    panels[0].set_ylabel("y [km]")
-    figure.colorbar(ice, ax=panels, label="speed of the ice [m/s]", aspect=30, pad=0.01)
-    figure.colorbar(sea, ax=panels, label="depth of the water [m]", aspect=30, pad=0.01)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    with graph(14, 3.9) as figure:
+        panels = figure.subplots(1, 3, sharey=True, sharex=True)
+        fastest = max(picture[4].max() for picture in pictures)
+        some = (slice(1, None, 2), slice(1, None, 3))
+        for panel, (title, fx, fy, radius, speed, water) in zip(panels, pictures, strict=True):
+            sea = panel.pcolormesh(x, y, -bed, cmap="Greys", vmin=0, vmax=12, rasterized=True)
+            panel.contourf(x, y, bed, levels=[0, 10], colors=[LAND])
+            ice = EllipseCollection(
+                2 * radius / 1e3, 2 * radius / 1e3, 0 * radius, units="xy", offsets=np.c_[fx, fy] / 1e3,
+                transOffset=panel.transData, cmap="viridis", ec="white", lw=0.2,
+            )  # fmt: skip
+            ice.set_array(speed)
+            ice.set_clim(0, fastest)
+            panel.add_collection(ice)
+            moving = (bed[some] < 0) & (np.hypot(*(w[some] for w in water)) > 0.02)
+            arrows = panel.quiver(
+                *(values[some][moving] for values in (x, y, *water)), scale=3.0, width=3e-3, color="#d55e00",
+                ec="white", lw=0.3, zorder=3,
+            )  # fmt: skip
+            panel.set(
+                title=title, xlabel="x [km]", aspect="equal", xlim=(0, x.max()), ylim=(0, y.max())
+            )
+        panels[2].quiverkey(arrows, 0.72, -0.17, 0.3, "current 0.3 m/s", labelpos="E")
+        panels[0].set_ylabel("y [km]")
+        figure.colorbar(ice, ax=panels, label="speed of the ice [m/s]", aspect=30, pad=0.01)
+        figure.colorbar(sea, ax=panels, label="depth of the water [m]", aspect=30, pad=0.01)
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ import numpy as np
 from coupling.driver import HEADER, Coupling, CouplingError
 from coupling.slab import SURFACE, TwoSlabOcean
 from floebmi import FloeBmi
+from floebmi.plot import graph
 
 VELOCITY = "sea_surface_water_flowing__x_component_of_velocity"
 
@@ -184,25 +185,22 @@ def main(folder: Path, hours: float = 3.0) -> Found:
 def _draw(
     path: Path, here: list[np.ndarray], there: list[np.ndarray], without: list[np.ndarray], worst: float
 ) -> None:  # fmt: skip
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panel = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    hours = np.arange(1, len(here) + 1) * EVERY / 3600.0
-    for currents, style, label in (
-        (without, dict(color="black", lw=1), "without ice"),
-        (here, dict(color="#0072b2", lw=2), "with ice, one process"),
-        (there, dict(color="#d55e00", marker="o", mfc="none", ls="none"), "with ice, two processes"),
-    ):  # fmt: skip
-        panel.plot(hours, [speed[0].mean() for speed in currents], label=label, **style)
-    panel.set(xlabel="time [h]", ylabel="surface current along x, mean [m/s]")
-    panel.set_title(f"same bits: {np.array_equal(here, there)}; the ledger closes to {worst:.0e}")
-    panel.grid(alpha=0.3)
-    panel.legend()
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    with graph(7, 4.2) as figure:
+        panel = figure.subplots()
+        hours = np.arange(1, len(here) + 1) * EVERY / 3600.0
+        for currents, style, label in (
+            (without, dict(color="black", lw=1), "without ice"),
+            (here, dict(color="#0072b2", lw=2), "with ice, one process"),
+            (there, dict(color="#d55e00", marker="o", mfc="none", ls="none"), "with ice, two processes"),
+        ):  # fmt: skip
+            panel.plot(hours, [speed[0].mean() for speed in currents], label=label, **style)
+        panel.set(xlabel="time [h]", ylabel="surface current along x, mean [m/s]")
+        panel.set_title(
+            f"same bits: {np.array_equal(here, there)}; the ledger closes to {worst:.0e}"
+        )
+        panel.grid(alpha=0.3)
+        panel.legend()
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from coupling.driver import couple
 from coupling.slab import MOMENTUM as OCEAN_MOMENTUM
 from coupling.slab import STRESS, TwoSlabOcean
 from floebmi import FloeBmi
+from floebmi.plot import graph
 
 FLOES = """
 seed = 3
@@ -132,28 +133,23 @@ def error(rows: np.ndarray) -> float:
 
 def draw(path: Path, runs: dict[str, np.ndarray], every: float) -> None:
     """Momentum of ocean, ice and both, as it was exchanged rightly and wrongly."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout="constrained")
-    for panel, (name, rows) in zip(panels, runs.items(), strict=True):
-        hours, ocean, ice = rows[:, 0] / 3600.0, rows[:, 1] / 1e9, rows[:, 2] / 1e9
-        panel.plot(hours, ocean, color="tab:blue", label="ocean")
-        panel.plot(hours, ice, color="tab:cyan", label="ice")
-        panel.plot(hours, ocean + ice, color="black", lw=2, label="ocean + ice")
-        panel.axhline(ocean[0] + ice[0], color="gray", lw=1, ls=":", zorder=0)
-        panel.set_title(
-            f"{name}\nocean + ice off by {error(rows):.2g} of what was exchanged", fontsize=10
-        )
-        panel.set_xlabel("time [h]")
-        panel.grid(alpha=0.3)
-    panels[0].set_ylabel("momentum along x [10⁹ N s]")
-    panels[0].legend(loc="center right")
-    figure.suptitle(f"Floes on a two-slab ocean, one exchange every {every:g} s", fontsize=11)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    with graph(10, 4.2) as figure:
+        panels = figure.subplots(1, 2, sharey=True)
+        for panel, (name, rows) in zip(panels, runs.items(), strict=True):
+            hours, ocean, ice = rows[:, 0] / 3600.0, rows[:, 1] / 1e9, rows[:, 2] / 1e9
+            panel.plot(hours, ocean, color="#0072b2", label="ocean")
+            panel.plot(hours, ice, color="#56b4e9", label="ice")
+            panel.plot(hours, ocean + ice, color="black", lw=2, label="ocean + ice")
+            panel.axhline(ocean[0] + ice[0], color="gray", lw=1, ls=":", zorder=0)
+            panel.set_title(
+                f"{name}\nocean + ice off by {error(rows):.2g} of what was exchanged", fontsize=10
+            )
+            panel.set_xlabel("time [h]")
+            panel.grid(alpha=0.3)
+        panels[0].set_ylabel("momentum along x [10⁹ N s]")
+        panels[0].legend(loc="center right")
+        figure.suptitle(f"Floes on a two-slab ocean, one exchange every {every:g} s", fontsize=11)
+        figure.savefig(path, dpi=130)
 
 
 def main(folder: Path, every: float = 1800.0, hours: float = 12.0) -> dict[str, float]:

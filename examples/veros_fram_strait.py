@@ -32,6 +32,7 @@ from coupling.driver import HEADER, Exchange  # noqa: E402
 from coupling.veros import SeaIce, Seconds, surface_cells  # noqa: E402
 from floebmi.coast import Coast, from_land_fraction  # noqa: E402
 from floebmi.forces import DRAG_PRESETS  # noqa: E402
+from floebmi.plot import LAND, graph  # noqa: E402
 
 SPACING = 10e3  # [m]
 CORIOLIS = 1.43e-4  # at 79° N [1/s]
@@ -340,66 +341,61 @@ def exchange_cost(model: fb.Model, every: float) -> float:
 
 
 def _draw(path: Path, both: Ocean, one: Ocean, days: float, worst: float) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
     from matplotlib.collections import EllipseCollection
     from matplotlib.colors import ListedColormap
 
-    figure, panels = plt.subplots(
-        1, 3, figsize=(15, 5), sharex=True, sharey=True, layout="constrained"
-    )
-    grid = both.ice.model.grid
-    shape, wet = grid.shape, grid.wet.reshape(grid.shape)
-    x, y = grid.x_edges / 1e3, grid.y_edges / 1e3
-    speeds = [run.ice.at_cells(*np.mean(run.currents, axis=0)) for run in (both, one)]
-    fastest = max(np.hypot(*pair).max() for pair in speeds)
-    difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
-    most = np.abs(difference[grid.wet]).max()
-    light = ListedColormap(plt.get_cmap("Blues")(np.linspace(0, 0.65, 256)))  # arrows stay legible
-    every = max(1, shape[0] // 16)
-    for panel, run, (u, v), title in zip(
-        panels, (both, one), speeds, ("both ways", "one way: the ocean does not feel the ice"), strict=False
-    ):  # fmt: skip
-        speed = np.where(wet, np.hypot(u, v).reshape(shape), np.nan)
-        sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap=light, rasterized=True)
-        floes = run.ice.model.floes
-        ice = floes.active & ~floes.land
-        diameter = 2 * floes.radius[ice] / 1e3
-        panel.add_collection(
-            EllipseCollection(
-                diameter, diameter, 0 * diameter, units="xy", transOffset=panel.transData,
-                offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="0.35", lw=0.4,
-            )
+    with graph(15, 5) as figure:
+        panels = figure.subplots(1, 3, sharex=True, sharey=True)
+        grid = both.ice.model.grid
+        shape, wet = grid.shape, grid.wet.reshape(grid.shape)
+        x, y = grid.x_edges / 1e3, grid.y_edges / 1e3
+        speeds = [run.ice.at_cells(*np.mean(run.currents, axis=0)) for run in (both, one)]
+        fastest = max(np.hypot(*pair).max() for pair in speeds)
+        difference = np.hypot(*speeds[0]) - np.hypot(*speeds[1])
+        most = np.abs(difference[grid.wet]).max()
+        light = ListedColormap(colormaps["Blues"](np.linspace(0, 0.65, 256)))  # arrows stay legible
+        every = max(1, shape[0] // 16)
+        for panel, run, (u, v), title in zip(
+            panels, (both, one), speeds, ("both ways", "one way: the ocean does not feel the ice"), strict=False
+        ):  # fmt: skip
+            speed = np.where(wet, np.hypot(u, v).reshape(shape), np.nan)
+            sea = panel.pcolormesh(x, y, speed, vmin=0, vmax=fastest, cmap=light, rasterized=True)
+            floes = run.ice.model.floes
+            ice = floes.active & ~floes.land
+            diameter = 2 * floes.radius[ice] / 1e3
+            panel.add_collection(
+                EllipseCollection(
+                    diameter, diameter, 0 * diameter, units="xy", transOffset=panel.transData,
+                    offsets=np.c_[floes.x[ice], floes.y[ice]] / 1e3, fc="none", ec="0.35", lw=0.4,
+                )
+            )  # fmt: skip
+            some = np.zeros(shape, bool)
+            some[every // 2 :: every, every // 2 :: every] = True
+            some = some.ravel() & grid.wet
+            arrows = panel.quiver(
+                *(values[some] for values in (grid.x / 1e3, grid.y / 1e3, u, v)),
+                scale=22 * fastest, width=3e-3, zorder=3,
+            )  # fmt: skip
+            panel.set_title(title)
+        length = float(f"{fastest:.1g}")
+        panels[0].quiverkey(arrows, 0.8, -0.1, length, f"{length:g} m/s", labelpos="E")
+        change = panels[2].pcolormesh(
+            x, y, np.where(wet, difference.reshape(shape), np.nan), cmap="RdBu_r", vmin=-most, vmax=most,
+            rasterized=True,
         )  # fmt: skip
-        some = np.zeros(shape, bool)
-        some[every // 2 :: every, every // 2 :: every] = True
-        some = some.ravel() & grid.wet
-        arrows = panel.quiver(
-            *(values[some] for values in (grid.x / 1e3, grid.y / 1e3, u, v)),
-            scale=22 * fastest, width=3e-3, zorder=3,
-        )  # fmt: skip
-        panel.set_title(title)
-    length = float(f"{fastest:.1g}")
-    panels[0].quiverkey(arrows, 0.8, -0.1, length, f"{length:g} m/s", labelpos="E")
-    change = panels[2].pcolormesh(
-        x, y, np.where(wet, difference.reshape(shape), np.nan), cmap="RdBu_r", vmin=-most, vmax=most,
-        rasterized=True,
-    )  # fmt: skip
-    panels[2].set_title("speed of the current: both ways − one way")
-    for panel in panels:
-        panel.set(xlabel="x [km]", aspect="equal", facecolor="#8c6d46")
-    panels[0].set_ylabel("y [km]")
-    figure.colorbar(
-        sea, ax=panels[1], label="surface current, mean of the last day [m/s]", aspect=30
-    )
-    figure.colorbar(change, ax=panels[2], label="difference [m/s]", aspect=30)
-    figure.suptitle(
-        f"Veros and floes after {days:g} d of wind; brown: land; the momentum ledger closes to {worst:.0e}"
-    )
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+        panels[2].set_title("speed of the current: both ways − one way")
+        for panel in panels:
+            panel.set(xlabel="x [km]", aspect="equal", facecolor=LAND)
+        panels[0].set_ylabel("y [km]")
+        figure.colorbar(
+            sea, ax=panels[1], label="surface current, mean of the last day [m/s]", aspect=30
+        )
+        figure.colorbar(change, ax=panels[2], label="difference [m/s]", aspect=30)
+        figure.suptitle(
+            f"Veros and floes after {days:g} d of wind; the momentum ledger closes to {worst:.0e}"
+        )
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

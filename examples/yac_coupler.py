@@ -35,6 +35,7 @@ import numpy as np
 from coupling.driver import HEADER, Exchange
 from floebmi import FloeBmi, Grid
 from floebmi.output import load_restart, save_restart
+from floebmi.plot import graph
 from floebmi.projection import to_lonlat
 
 PLANE = "+proj=laea +lat_0=79 +lon_0=0"
@@ -318,39 +319,39 @@ def compare(folder: Path) -> Found:
 
 
 def _draw(path: Path, folder: Path, rows: list[np.ndarray], worst: float) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
     from matplotlib.collections import PolyCollection
 
-    figure, panels = plt.subplots(1, 3, figsize=(15, 4.4), layout="constrained")
-    fields = [np.load(folder / f"{name}.npz") for name in ("ice", "ocean")]
-    most = max(np.abs(field["stress"][0]).max() for field in fields) or 1.0
-    for panel, field, title in zip(
-        panels, fields, ("given by the ice, on its cells", "received by the ocean, on its own"), strict=False
-    ):  # fmt: skip
-        cells = PolyCollection(field["corners"], cmap="PuOr_r", ec="0.7", lw=0.3)
-        cells.set_array(field["stress"][0])
-        cells.set_clim(-most, most)
-        panel.add_collection(cells)
-        panel.set(
-            title=title, xlabel="longitude [°E]", ylabel="latitude [°N]", xlim=(-3, 3), ylim=(78.5, 79.5)
+    with graph(15, 4.4) as figure:
+        panels = figure.subplots(1, 3)
+        fields = [np.load(folder / f"{name}.npz") for name in ("ice", "ocean")]
+        most = max(np.abs(field["stress"][0]).max() for field in fields) or 1.0
+        for panel, field, title in zip(
+            panels, fields, ("given by the ice, on its cells", "received by the ocean, on its own"), strict=False
+        ):  # fmt: skip
+            cells = PolyCollection(field["corners"], cmap="PuOr_r", ec="0.7", lw=0.3)
+            cells.set_array(field["stress"][0])
+            cells.set_clim(-most, most)
+            panel.add_collection(cells)
+            panel.set(
+                title=title, xlabel="longitude [°E]", ylabel="latitude [°N]", xlim=(-3, 3), ylim=(78.5, 79.5)
+            )  # fmt: skip
+            panel.set_aspect(1 / np.cos(np.radians(79.0)))
+        figure.colorbar(
+            cells, ax=panels[:2], label="stress of ice on ocean along x [Pa]", aspect=30
+        )
+        hours = np.arange(1, len(rows[0]) + 1) * STEP / 3600.0
+        for axis, color in enumerate(("#0072b2", "#d55e00")):
+            given, taken = (values[:, 0, axis] / STEP / 1e9 for values in rows)
+            panels[2].plot(hours, given, color=color, label=f"{'xy'[axis]}: given by the ice")
+            panels[2].plot(
+                hours, taken, "o", mfc="none", color=color, label=f"{'xy'[axis]}: received"
+            )
+        panels[2].set(
+            title=f"the ledger closes to {worst:.0e}", xlabel="time [h]", ylabel="force on the ocean [GN]"
         )  # fmt: skip
-        panel.set_aspect(1 / np.cos(np.radians(79.0)))
-    figure.colorbar(cells, ax=panels[:2], label="stress of ice on ocean along x [Pa]", aspect=30)
-    hours = np.arange(1, len(rows[0]) + 1) * STEP / 3600.0
-    for axis, color in enumerate(("#0072b2", "#d55e00")):
-        given, taken = (values[:, 0, axis] / STEP / 1e9 for values in rows)
-        panels[2].plot(hours, given, color=color, label=f"{'xy'[axis]}: given by the ice")
-        panels[2].plot(hours, taken, "o", mfc="none", color=color, label=f"{'xy'[axis]}: received")
-    panels[2].set(
-        title=f"the ledger closes to {worst:.0e}", xlabel="time [h]", ylabel="force on the ocean [GN]"
-    )  # fmt: skip
-    panels[2].grid(alpha=0.3)
-    panels[2].legend()
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+        panels[2].grid(alpha=0.3)
+        panels[2].legend()
+        figure.savefig(path, dpi=130)
 
 
 if __name__ == "__main__":

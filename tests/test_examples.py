@@ -69,11 +69,9 @@ def test_barents_sea_starts_from_the_files_ice_and_current_and_keeps_its_books(t
         assert 14.5 < wind.max() <= 15.0 + 1e-9
 
 
-@real
 def test_a_pack_in_a_box_drifts_as_one_floe_does_and_floes_aground_hold_it(tmp_path, capsys):
     box = example("drift_in_a_box")
-    path = REAL / "topaz_point_80N37E_hourly_29d.nc"
-    found = box.main(path, tmp_path, hours=48.0, radius=4e3, aground=4)
+    found = box.main(box.POINT, tmp_path, hours=24.0, radius=4e3, aground=4)
     printed = capsys.readouterr().out
     for _, report in found.values():
         balance = report.ledger.balances
@@ -85,7 +83,7 @@ def test_a_pack_in_a_box_drifts_as_one_floe_does_and_floes_aground_hold_it(tmp_p
     np.testing.assert_allclose(pack.velocity, alone.velocity, atol=2e-3)
     assert np.abs(held.velocity).mean() < 0.97 * np.abs(alone.velocity).mean()
 
-    with xr.open_dataset(path) as data:
+    with xr.open_dataset(box.POINT) as data:
         wind = (data.uwind + 1j * data.vwind).values[: len(alone.time)]
         current = (data.uoce + 1j * data.voce).values[: len(alone.time)]
         thickness = float(data.hice.mean())

@@ -3,10 +3,10 @@
 =========================
 
 Hourly wind and current of an ocean model at 80° N 37° E. Thick floes are turned more than thin ones, so they meet, yet the
-pack drifts as one floe in free drift would. ``examples/drift_in_a_box.py`` adds floes aground, which do hold it.
-"""
+pack drifts as one floe in free drift would. ``examples/drift_in_a_box.py`` adds floes aground, which do hold it."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,7 @@ import floebmi as fb
 from floebmi.forces import DRAG_PRESETS
 from floebmi.plot import graph
 
-path = sys.argv[1] if sys.argv[1:] else sys.exit("give it topaz_point_80N37E_hourly_29d.nc")
+path = Path(sys.argv[0]).with_name("drift_29_days.nc")
 box = fb.Domain((0, 30e3), (0, 30e3), "periodic", "periodic", "periodic", "periodic")
 forces = [*DRAG_PRESETS["constant-cd"], fb.Coriolis(1.437e-4)]
 grid, tracks = fb.Grid.uniform(box.x, box.y, shape=(2, 2)), {}
