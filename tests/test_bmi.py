@@ -2,9 +2,7 @@
 
 import os
 import re
-import subprocess
 import sys
-import tomllib
 from copy import deepcopy
 from pathlib import Path
 
@@ -434,36 +432,8 @@ def test_in_another_process_it_gives_the_same_bits(
 # ---- how-to and metadata ------------------------------------------------------------------------
 
 
-def blocks(language: str) -> list[str]:
-    text = (ROOT / "docs/couple.md").read_text(encoding="utf-8")
-    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
-
-
-def test_the_host_loop_of_the_how_to_runs_and_conserves_momentum(tmp_path: Path) -> None:
-    (tmp_path / "floes.toml").write_text(blocks("toml")[0])
-    loop = blocks("python")[0]
-    assert len(loop.splitlines()) <= 30
-    done = subprocess.run(
-        [sys.executable, "-c", loop], cwd=tmp_path, capture_output=True, text=True, timeout=120,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    lost = [float(line.split()[-1]) for line in lines]
-    speed = [float(line.split()[3]) for line in lines]
-    assert len(lines) == 36 and max(lost) < 1e-12
-    assert speed[-1] < speed[0] < 0.3  # the ice took some
-
-
 def test_the_table_of_the_how_to_is_the_table() -> None:
     assert bmi.table() in (ROOT / "docs/couple.md").read_text(encoding="utf-8")
-
-
-def test_the_bmi_table_of_the_how_to_is_valid() -> None:
-    from floebmi.hosting import BmiFile
-    from floebmi.tables import validate
-
-    assert validate(BmiFile, tomllib.loads(blocks("toml")[1]), "couple.md").bmi.cells == "faces"
 
 
 @pytest.mark.long
