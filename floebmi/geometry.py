@@ -103,9 +103,9 @@ def arcsine(s):
         -6.88283971605453293030e-01 + z * 7.70381505559019352791e-02
     )  # fmt: skip
     below = 1.0 + z * (-2.40339491173441421878e00 + z * below)
-    angle = math.sqrt(z) * (
-        1.0 + above / below
-    )  # asin √z; no branch, half of which would be foreseen wrongly
+    # √z or |s|, but not as a choice: the compiler would branch, and half of that is foreseen wrongly
+    root = max(math.sqrt(z), 0.0 if far else abs(s))
+    angle = root * (1.0 + above / below)  # asin √z
     # asin(s) = π/2 − 2 asin √((1 − s)/2)
     return math.copysign(0.5 * math.pi - 2.0 * angle if far else angle, s)
 
