@@ -94,7 +94,7 @@ def sort_in_space(x, y, reach):
     west, south = x.min(), y.min()
     long_x, long_y = x.max() - west, y.max() - south
     nx, ny = _cell_counts(long_x, long_y, 2.0 * reach.mean(), x.size)
-    cell = np.empty(x.size, np.int32)
+    cell = np.empty(x.size, np.int64)
     for k in range(x.size):
         cell[k] = nx * _clipped(y[k] - south, long_y / ny, ny) + _clipped(
             x[k] - west, long_x / nx, nx

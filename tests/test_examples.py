@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 import sys
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -15,7 +16,9 @@ REAL = ROOT.parent / "shared" / "data"
 real = pytest.mark.skipif(not REAL.is_dir(), reason="the real files are not here")
 
 
+@cache
 def example(name: str) -> ModuleType:
+    """The module of an example, loaded once: Veros takes its settings only once."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

@@ -27,7 +27,8 @@ def jostle(edges="periodic", ratio=1.4, seed=0, drift=50.0, **laws):
     x, y = (a.ravel() for a in np.meshgrid(np.arange(12) * 2.05 + 1, np.arange(12) * 2.05 + 1))
     floes = Floes(x, y, rng.uniform(1.0 / ratio, 1.0, 144), 1.0, u=drift + rng.normal(0, 0.1, 144))
     floes.v[:] = rng.normal(0, 0.1, 144)
-    domain = Domain((0, 24.6), (0, 24.6), edges, edges, "periodic", "periodic")
+    open_to = "inactive" if edges == "closed" else "periodic"
+    domain = Domain((0, 24.6), (0, 24.6), edges, edges, open_to, open_to)
     walls = [] if edges == "periodic" else [Wall("west", velocity=0.2)]
     model = Model(domain, floes, walls=walls, **(LAWS | laws))
     model.ocean.u[:] = drift

@@ -23,7 +23,7 @@ def small_chunks(monkeypatch):
     monkeypatch.setattr(advance, "FEW", 0)  # so narrow a list is renewed on the way
 
 
-def pack_of_floes(law, threads=1, walls=False):
+def pack_of_floes(law, threads=1, walls=False, drag=()):
     edges = ("closed" if walls else "periodic",) * 2 + ("periodic",) * 2
     domain = Domain((0.0, 1000.0), (0.0, 1000.0), *edges)
     floes = scatter(domain, SIZES, concentration=0.7, seed=3)
@@ -31,10 +31,7 @@ def pack_of_floes(law, threads=1, walls=False):
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.3, (2, len(floes)))
     floes.motion[::20] = FIXED_Y
     floes.motion[7::40], floes.u[7::40], floes.v[7::40] = COAST, 0.0, 0.0
-    drag = [OceanDrag(), AirDrag()]
-    model = Model(domain, floes, law, drag, threads=threads, walls=[Wall("west", velocity=0.1)] if walls else [])  # fmt: skip
-    model.atmosphere.u[:] = 15.0
-    return model
+    return Model(domain, floes, law, drag, threads=threads, walls=[Wall("west", velocity=0.1)] if walls else [])  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -43,8 +40,10 @@ def pack_of_floes(law, threads=1, walls=False):
 def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
     small_chunks, law, walls, residual
 ):
-    models = [pack_of_floes(law, threads, walls) for threads in (1, 3)]
+    drag = [OceanDrag(), AirDrag()]
+    models = [pack_of_floes(law, threads, walls, drag) for threads in (1, 3)]
     for model in models:
+        model.atmosphere.u[:] = 15.0
         for _ in range(3):
             model.advance(2.0)
         assert len(model._now().tiles.chunks) > 3
