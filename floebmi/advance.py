@@ -67,7 +67,7 @@ from floebmi.threads import verlet as verlet_in_threads
 DRAG_RESOLUTION = 0.25  # largest |J| Δt of the other forces in one sub-step
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
 CLOSING = 0.3
-WIDEST = 6.0  # how much wider than that the list of pairs may be
+NARROWEST, WIDEST = 3.0, 6.0  # how much wider than that the list of pairs is
 FEW = 3000  # a list costs as much as one of so many floes more would: few floes rather have a wider one
 NEAR = 0.1  # the skin of the short list, of the same
 
@@ -225,14 +225,14 @@ class Advance:
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        # wider where sizes differ much: then few pairs are close, and a list costs more than a step
-        self.skin = self.closing * min(max(1.0, octaves), WIDEST)
-        # and wider for few floes: of a width w steps cost as w n, lists as (n + FEW)/w, both together least as
-        # w² = 1 + FEW/n; yet a floe meets another on one side of a period alone
+        # the list is wider: most where sizes differ much, since then few pairs are close, and where floes are few: of a
+        # width w steps cost as w n, lists as (n + FEW)/w, both together least as w² = 1 + FEW/n
         few = math.sqrt(1.0 + FEW / max(len(radius), 1))
+        width = min(max(NARROWEST, octaves) * few, WIDEST)
+        # yet a floe meets another on one side of a period alone
         widest = reach(at, self.contact, 0.0).max(initial=0.0)
         room = [0.49 * period - 2.0 * widest for period in self.period if period]
-        self.skin = max(self.skin, min([self.skin * few, self.closing * WIDEST, *room]))
+        self.skin = max(self.closing, min([self.closing * width, *room]))
         place = np.full(len(self.floes), -1)
         place[at.number] = np.arange(len(at.number))
         self.pairs, self.tiles = list_pairs(
@@ -370,11 +370,13 @@ class Advance:
         self._book()
 
     def _renew(self) -> None:
-        """A fresh list, of floes within the domain."""
-        self._unpack()
-        self._wrap()
+        """Floes have strayed: who comes and goes, and does the list last?  If not, list them anew."""
+        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         leaving, new = self._come_and_go()
-        self._list_with(leaving, new)
+        if len(leaving) or len(new) or not self._stray_on():
+            self._unpack()
+            self._wrap()
+            self._list_with(leaving, new)
 
     def _come_and_go(self) -> tuple[np.ndarray, np.ndarray]:
         """Floes beyond an inactive edge become inactive, and feeders add new ones: the numbers of both."""
@@ -480,7 +482,7 @@ class Advance:
             self._list_with(leaving, new)
         done = 0.0
         while done < duration:
-            if self.travelled > NEARLY * self._reach() and not self._stray_on():
+            if self.travelled > NEARLY * self._reach():
                 self._renew()
             done = self._some_steps(done, duration)
         self.finish()

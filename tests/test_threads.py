@@ -20,7 +20,8 @@ SIZES = PowerLaw(10.0, 40.0)
 @pytest.fixture
 def small_chunks(monkeypatch):
     monkeypatch.setattr(tiles, "CHUNK", 80)
-    monkeypatch.setattr(advance, "FEW", 0)  # so narrow a list is renewed on the way
+    for width in ("FEW", "NARROWEST"):  # so narrow a list is renewed on the way
+        monkeypatch.setattr(advance, width, 0)
 
 
 def pack_of_floes(law, threads=1, walls=False, drag=()):
