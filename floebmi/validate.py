@@ -33,7 +33,7 @@ from floebmi.contact import (
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import FIXED, FIXED_ROTATION, FIXED_X, Floes
-from floebmi.forces import AirDrag, OceanDrag
+from floebmi.forces import AirDrag, Coriolis, OceanDrag
 from floebmi.grid import Grid
 from floebmi.model import Model
 from floebmi.output import load_restart, open_file, save_restart
@@ -847,18 +847,19 @@ def _bad_forcing(long: bool) -> Iterator[Measure]:
 
 
 def _busy(seconds: float, state: dict | None = None) -> Model:
-    """Friction, bonds, a closed edge, current and wind, and floes that come in at random; run for a while.
+    """Friction, bonds, a closed edge, current, wind and rotation, floes that leave and come at random; run for a while.
 
     state : to go on from, of the same scene
     """
-    domain = Domain((0.0, 30.0), (0.0, 30.0), "periodic", "periodic", "closed", "inactive")
+    domain = Domain((0.0, 30.0), (0.0, 30.0), "inactive", "inactive", "closed", "inactive")
     floes = scatter(domain, UniformSize(0.7, 1.0), concentration=0.6, seed=1)
     rng = np.random.default_rng(2)
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.3, (2, len(floes)))
     floes.v -= 0.5
     law = Contact(friction=Coulomb(), bonds=TensileStrength(50e3))
     feed = Inflow("north", PowerLaw(0.7, 1.0), velocity=(0.0, -0.5))
-    model = Model(domain, floes, law, [OceanDrag(), AirDrag()], inflow=feed, seed=4)
+    forces = [OceanDrag(), AirDrag(), Coriolis(1e-4)]
+    model = Model(domain, floes, law, forces, inflow=feed, seed=4)
     model.ocean.u[:], model.atmosphere.v[:] = 0.4, -10.0
     if state is not None:
         model.restore(state)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from floebmi import dynamics
+from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, cohesive, frictional, prepare
 from floebmi.dynamics import Step
@@ -89,7 +90,7 @@ def contact_code(law):
 
 
 def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed():
-    from floebmi.bonds import Beam, Healing, TensileStrength
+    from floebmi.bonds import Beam, Healing
     from floebmi.contact import CompressiveFailure, Restitution
 
     lengths = {
@@ -242,7 +243,7 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
     def made():
         floes = Floes([0.0, 19.9, 300.0], [0.0, 0.0, 5.0], 10.0, 1.0, u=[0.3, 0.0, 0.0])
         return Model(
-            Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional(),
+            Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional()._replace(bonds=TensileStrength()),
             forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)],
             inflow=Inflow("north", PowerLaw(10.0, 20.0), 1.0), walls=[Wall("west", normal_stress=1e3)],
             step=Step(scheme, length=0.02),
