@@ -238,7 +238,7 @@ def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
     assert np.array_equal(model.floes.x, before)
 
 
-@pytest.mark.parametrize("scheme", ["verlet", "taylor3"])
+@pytest.mark.parametrize("scheme", ["verlet", pytest.param("taylor3", marks=pytest.mark.long)])
 def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
     def made():
         floes = Floes([0.0, 19.9, 300.0], [0.0, 0.0, 5.0], 10.0, 1.0, u=[0.3, 0.0, 0.0])

@@ -36,7 +36,8 @@ def pack_of_floes(law, threads=1, walls=False, drag=()):
 
 
 @pytest.mark.parametrize(
-    "law, walls, residual", [(frictional(), True, 1e-3), (cohesive(), False, 1e-2)]
+    "law, walls, residual",
+    [(frictional(), True, 1e-3), pytest.param(cohesive(), False, 1e-2, marks=pytest.mark.long)],
 )
 def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
     small_chunks, law, walls, residual
