@@ -35,7 +35,7 @@ def test_a_floe_that_leaves_an_inactive_edge_is_disabled_and_its_mass_is_booked(
 
 def test_a_floe_crosses_a_periodic_seam_and_stays_in_the_domain():
     floes = Floes(95.0, 50.0, 2.0, 1.0, u=1.0)
-    model = Model(box(west="periodic"), floes, contact=Contact())
+    model = Model(box(west="periodic", south="periodic"), floes, contact=Contact())
     model.advance(10.0)
     model.advance(1e-9)
     assert floes.x[0] == pytest.approx(5.0, abs=1e-6) and floes.active.all()
@@ -92,12 +92,12 @@ def test_without_its_load_the_same_wall_stays_where_it_was():
 
 
 def test_an_inflow_sees_the_floes_across_a_periodic_seam():
-    domain = Domain((0.0, 30.0), (0.0, 30.0), "periodic", "periodic")
+    domain = Domain((0.0, 30.0), (0.0, 30.0), "periodic", "periodic", "closed", "inactive")
     for x in (0.5, 29.5):
         seam = Floes(x, 28.0, 4.0, 1.0)
         for seed in range(20):
             inflow = Inflow("north", SingleSize(2.0))
-            model = Model(domain, seam.copy(), Contact(), inflow=inflow, seed=seed)
+            model = Model(domain, seam.copy(), frictional(), inflow=inflow, seed=seed)
             model.advance(1e-3)
             assert len(model.floes) > 3 and len(model.contacts().i) == 0
 
@@ -119,7 +119,8 @@ def test_an_inflow_adds_floes_as_soon_as_there_is_room_and_books_their_mass():
 
 def test_a_floe_that_comes_in_meets_the_wind_at_the_next_exchange_and_nothing_is_lost():
     inflow = Inflow("north", SingleSize(4.0), velocity=(0.0, -0.5))
-    model = Model(box(), Floes([], [], [], []), Contact(), [AirDrag()], inflow=inflow)
+    drag = [OceanDrag(), AirDrag()]
+    model = Model(box(), Floes([], [], [], []), frictional(), drag, inflow=inflow)
     model.atmosphere.u[:] = 20.0
     model.advance(5.0)
     assert len(model.floes) and not model.floes.u.any()

@@ -34,6 +34,11 @@ def one(radius=100.0, thickness=1.0, u=0.0, v=0.0, rotation=False, **laws):
     return Model(DOMAIN, Floes(0.0, 0.0, radius, thickness, u, v), rotation=rotation, **laws)
 
 
+def moved_by(coriolis=0.0, down=0.0, **start):
+    """Forces without a fluid's drag; those that a test does not ask for, and the tilt, are zero."""
+    return one(forces=[Coriolis(coriolis), Tilt(), BodyForce(0.0, down)], **start)
+
+
 def printed_ocean_rate(radius, thickness):
     """K/m from Eq. 12 as printed [1/m]."""
     k = np.pi * 1000.0 * (0.14 * 2 * radius * 0.9 * thickness + 1.6e-4 * radius**2)
@@ -94,7 +99,7 @@ def test_a_light_floe_under_a_sudden_wind_never_outruns_its_free_drift(wind):
 
 
 def test_coriolis_turns_without_work():
-    model = one(u=1.0, forces=[Coriolis(1e-4)])
+    model = moved_by(coriolis=1e-4, u=1.0)
     model.advance(2 * np.pi / 1e-4 / 4)
     assert model.floes.u[0] ** 2 + model.floes.v[0] ** 2 == pytest.approx(1.0, rel=1e-12)
     assert (model.floes.u[0], model.floes.v[0]) == (
@@ -104,7 +109,7 @@ def test_coriolis_turns_without_work():
 
 
 def test_a_tilted_sea_surface_pulls_downhill():
-    model = one(forces=[Tilt()])
+    model = moved_by()
     model.ocean.tilt_x[:] = 1e-6
     model.advance(100.0)
     assert model.floes.u[0] == pytest.approx(-9.81e-6 * 100, rel=1e-12)
@@ -121,7 +126,7 @@ def test_a_geostrophic_current_carries_a_floe_with_it():
 
 
 def test_a_body_force_is_an_acceleration():
-    model = one(forces=[BodyForce(0.0, -0.5)])
+    model = moved_by(down=-0.5)
     model.advance(4.0)
     assert model.floes.v[0] == pytest.approx(-2.0)
     assert model.floes.y[0] == pytest.approx(-4.0)

@@ -25,14 +25,14 @@ def small_chunks(monkeypatch):
 
 
 def pack_of_floes(law, threads=1, walls=False, drag=()):
-    edges = ("closed" if walls else "periodic",) * 2 + ("periodic",) * 2
+    edges = ("periodic",) * 2 + ("closed" if walls else "periodic",) * 2
     domain = Domain((0.0, 1000.0), (0.0, 1000.0), *edges)
     floes = scatter(domain, SIZES, concentration=0.7, seed=3)
     rng = np.random.default_rng(2)
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.3, (2, len(floes)))
     floes.motion[::20] = FIXED_Y
     floes.motion[7::40], floes.u[7::40], floes.v[7::40] = COAST, 0.0, 0.0
-    return Model(domain, floes, law, drag, threads=threads, walls=[Wall("west", velocity=0.1)] if walls else [])  # fmt: skip
+    return Model(domain, floes, law, drag, threads=threads, walls=[Wall("south", velocity=0.1)] if walls else [])  # fmt: skip
 
 
 @pytest.mark.parametrize(
