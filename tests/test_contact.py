@@ -13,6 +13,7 @@ from floebmi.contact import (
     Restitution,
     cohesive,
     frictional,
+    memories,
     pair_force,
     prepare,
     stiffness,
@@ -22,8 +23,9 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import PairList, look
+from floebmi.pack import MOVING, SPINNING, PairList, look
 from floebmi.packing import relax
+from floebmi.pairs import remembering
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
@@ -45,11 +47,15 @@ def pair(law, gap, slip_rate=0.0, radius=10.0, slip=0.0, dt=0.0):
 
 def force_and_energy(law, gap, slip, bonded):
     """One pair with r_i = 10, r_j = 15, h = 1 and 2 m: force on i along −n, and elastic energy."""
-    place = np.zeros(2, [(name, float) for name in "xyrhuvw"]).view(np.recarray)
+    place = np.zeros(2, SPINNING if law.friction else MOVING).view(np.recarray)
     place.x, place.r, place.h = [0.0, 25.0 + gap], [10.0, 15.0], [1.0, 2.0]
     place.w = 0.5
     one = np.array([0], np.uint32)
-    pairs = PairList(np.array([0, 1, 1]), one, one + 1, np.array([slip]), np.array([bonded]))
+    memory, block = remembering(memories(law), 1)
+    for name, value in (("slip", slip), ("bonded", bonded)):
+        if name in memory:
+            memory[name][:] = value
+    pairs = PairList(np.array([0, 1, 1]), one, one + 1, **memory, block=block)
     _, rows = look(law, None, None, place, None, None, pairs)
     return (-rows[0, 4], rows[0, 8]) if len(rows) else (0.0, 0.0)
 

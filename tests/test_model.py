@@ -77,7 +77,11 @@ def push_code(*forces):
 
 
 def test_drag_is_not_in_the_machine_code_of_a_scene_without_a_fluid():
-    nothing, turning, both = push_code(), push_code(Coriolis(1e-4)), push_code(OceanDrag(), AirDrag())
+    nothing, turning, both = (
+        push_code(),
+        push_code(Coriolis(1e-4)),
+        push_code(OceanDrag(), AirDrag()),
+    )
     assert "sqrt" in both and "sqrt" not in turning
     assert len(nothing) < len(turning) < len(both)
 
