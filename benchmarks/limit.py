@@ -125,7 +125,20 @@ def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)
     none, books = np.zeros(1, np.int64), now._books()
     scene = laws, (), (), now.packed, lists, now.walls
-    what = *scene, 0, tiles, False, True, dt, dt, dt, none, False, books, now.buffers
+    what = (
+        *scene,
+        0,
+        tiles,
+        False,
+        True,
+        dt,
+        dt,
+        dt,
+        none,
+        False,
+        books,
+        (*now.buffers, lists.blows),
+    )
     return lambda: sweep(*what)
 
 

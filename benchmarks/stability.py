@@ -109,7 +109,7 @@ def main() -> None:
     print(" " * 58 + "".join(f"{share:>9g}" for share in SHARES))
     for pack, (floes, domain) in packs.items():
         for name, law in LAWS.items():
-            limit = fb.Model(domain, floes.copy(), law).longest_step() / fb.Step().fraction
+            limit = fb.Model(domain, floes.copy(), law, step=fb.Step(fraction=1.0)).longest_step()
             for scheme in SCHEMES:
                 values = np.array([
                     growth(domain, floes, law, fb.Step(scheme, length=share * limit), options.steps)

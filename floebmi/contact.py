@@ -267,7 +267,7 @@ class PairForce(NamedTuple):
     bent: float
     failed: float
     slid: float
-    blow_n: float  # impulse [N s] that ends the step beside half a step of f_n and f_t (eq. part-of-a-step)
+    blow_n: float  # impulse [N s] that ends the step beside half a step of f_n and f_t, see `blow`
     blow_t: float
     friction_loss: float
     dashpot_loss: float
@@ -521,6 +521,25 @@ def pair_force(
         law.failure, whole, failing, gap, opening, slip_rate, r_i, r_j, min(h_i, h_j), k_n, k_t,
         slip, bonded, failed, slid, damped_before, dt,
     )  # fmt: skip
+
+
+@dispatched
+def blow(dashpot, impulse, rate, ahead, inverse_mass):
+    """The impulse that does the work impulse × rate [J] on two floes (eq. part-of-a-step).
+
+    ahead : the rate at which they would part or slip as the step ends [m/s].  Where there is less to take than
+    that work, they stop; what could not be taken [J] is returned beside.
+    """
+    return impulse, 0.0  # a dashpot is of first order as well
+
+
+@blow.register
+def _(dashpot: None, impulse, rate, ahead, inverse_mass):
+    if impulse == 0.0 or inverse_mass == 0.0:
+        return impulse, 0.0
+    left = ahead * ahead + 2.0 * inverse_mass * impulse * rate
+    found = (math.copysign(np.sqrt(max(left, 0.0)), rate) - ahead) / inverse_mass
+    return found, max(-left, 0.0) / (2.0 * inverse_mass)
 
 
 @inner

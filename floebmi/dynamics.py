@@ -7,7 +7,8 @@ A step of the default scheme is kick, drift, touch, kick: half a velocity step u
 half a way, the other forces (forces.py, one linearly implicit step), the other half of the way, the contact
 forces at the new place, and the second half kick.  It is of second order, and keeps the energy of an undamped
 pack.  A contact that opens or closes within a step acts only for its part of it (eq. part-of-a-step): `touch`
-strikes the two floes with the difference.  `taylor2` and `taylor3` are the paper's schemes (Eq. 4, its text).
+notes the difference, and when the forces are known the two floes are struck with it.  `taylor2` and `taylor3`
+are the paper's schemes (Eq. 4, its text).
 
 Kernels work on packed floes: active ones only, sorted in space, what a contact reads of a floe in one line
 of the cache.  Which fields exist, and which arrays, follows from the laws: see `pack.py`.
@@ -17,7 +18,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from floebmi.contact import pair_force
+from floebmi.contact import Contact, Coulomb, blow, pair_force
 from floebmi.forces import (
     A_X,
     A_Y,
@@ -41,7 +42,17 @@ from floebmi.forces import (
     total_spin,
 )  # fmt: skip
 from floebmi.kernels import BLOCK, dispatched, in_place, inlined, inner
-from floebmi.pairs import Near, PairList, narrow, recall, remember, settle, strike, touch_floes
+from floebmi.pairs import (
+    Near,
+    PairList,
+    narrow,
+    recall,
+    remember,
+    settle,
+    strike,
+    strike_floes,
+    touch_floes,
+)
 from floebmi.quantities import Count, Positive, PositiveFraction
 from floebmi.tiles import Tiles
 
@@ -52,17 +63,30 @@ class Step(NamedTuple):
     Parameters
     ----------
     scheme : "verlet" (default), or the paper's "taylor2", "taylor3"
-    fraction : of the stability limit 2/ω_max, ω_max from the floes' own stiffness sums (eq. stable-step)
+    fraction : of the stability limit 2/ω_max, ω_max from the floes' own stiffness sums (eq. stable-step);
+        default: 0.85 with friction, 0.3 without it or with bonds or dashpots, see `usual_fraction`
     epsilon : if given, the paper's rule instead: Δt = ε √(m_min/k_max) (Eq. 4; the paper's ε is 0.07)
     length : if given, a fixed step [s] instead
     drag_every : the forces other than contacts act once in so many steps, for the time of all of them
     """
 
     scheme: Literal["verlet", "taylor2", "taylor3"] = "verlet"
-    fraction: PositiveFraction = 0.3
+    fraction: PositiveFraction | None = None
     epsilon: Positive | None = None
     length: Positive | None = None
     drag_every: Count = 1
+
+
+def usual_fraction(scheme: str, contact: Contact | None) -> float:
+    """The step over its limit that keeps the energy of a scene to a thousandth.
+
+    Long steps do where contacts are springs and friction, stepped by "verlet".  Without friction, or with bonds, a
+    pack goes on to ring, and what drag takes from waves is booked to second order in the step; dashpots are of first
+    order; the paper's schemes and lever arms know no part of a step.
+    """
+    rubs = contact is None or isinstance(contact.friction, Coulomb)
+    more = contact is not None and (contact.bonds or contact.dashpot or contact.failure)
+    return 0.85 if scheme == "verlet" and rubs and not more else 0.3
 
 
 NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
@@ -98,6 +122,7 @@ class Lists(NamedTuple):
     near: Near
     pairs: PairList  # of the short list, with what they remember
     tiles: Tiles
+    blows: np.ndarray  # room for those of two tiles, see `pairs.note_blows`
     gap: float  # the short list holds pairs nearer than this [1] and the skin [m], see `pairs.narrow`
     skin: float
 
@@ -423,7 +448,7 @@ def touch_walls(
         else:
             force[k].y += wall.side * f.f_n
         wall.force -= wall.side * f.f_n
-        strike_wall(inverse, floes, k, wall, along_x, wall.side * f.blow_n, constraint)
+        strike_wall(inverse, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint)
         lost[1] += f.dashpot_loss
 
 
@@ -433,10 +458,15 @@ def _(wall_law: None, floes, edges, dt, force, inverse, constraint, lost):
 
 
 @dispatched
-def strike_wall(inverse, floes, k, wall, along_x, impulse, constraint):
+def strike_wall(inverse, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint):
     """The blow of a floe that met a wall or left it: on the floe, and its opposite on the wall."""
-    if impulse == 0.0:
+    if f.blow_n == 0.0:
         return
+    w = inverse[0][k] if along_x else inverse[1][k]
+    pushed = w * (force[k].x if along_x else force[k].y) - wall.inverse_mass * wall.force
+    ahead = opening + 0.5 * dt * wall.side * pushed
+    impulse, _ = blow(wall_law.dashpot, f.blow_n, opening, ahead, w + wall.inverse_mass)
+    impulse *= wall.side
     x, y = (impulse, 0.0) if along_x else (0.0, impulse)
     strike(inverse, floes, k, x, y, constraint)
     change = -wall.inverse_mass * impulse
@@ -446,7 +476,7 @@ def strike_wall(inverse, floes, k, wall, along_x, impulse, constraint):
 
 
 @strike_wall.register
-def _(inverse: None, floes, k, wall, along_x, impulse, constraint):
+def _(inverse: None, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint):
     pass
 
 
@@ -511,19 +541,20 @@ def end_steps(packed, tiles, walls, dt, constraint):
 
 
 @inner
-def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer):
+def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer, blows):
     """Add the forces of the pairs of a tile; with those across the seams, the last, come the walls.
 
-    dt, inverse : see `pairs.touch_floes`
+    dt, inverse : see `pairs.touch_floes`.  Returns how many blows there are.
     """
     p = packed
-    touch_floes(
+    noted = touch_floes(
         laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
         p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse, books.held[tile],
-        books.lost[tile], buffer,
+        books.lost[tile], buffer, blows,
     )  # fmt: skip
     if tile == lists.near.counts.size - 1:
         touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[tile], books.lost[tile])  # fmt: skip
+    return noted
 
 
 @in_place
@@ -535,7 +566,7 @@ def touch_all(laws, packed, lists, walls, books, buffers):
     forget(p.spinning, p.force)
     narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, 0.0)
     for tile in range(last):
-        touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0])
+        touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0], lists.blows[0])
     settle(near, first, last)
 
 
@@ -544,13 +575,14 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
           due, books, buffers):  # fmt: skip
     """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
 
-    buffers : of a block of pairs, shape (PAIR_BUFFER,), and of a block of floes, (FORCE_BUFFER,)
+    buffers : of a block of pairs, shape (PAIR_BUFFER,), of a block of floes, (FORCE_BUFFER,), and the blows of two tiles
     """
     p, tiles, seams, fastest = packed, lists.tiles, lists.tiles.coast.size, 0.0
-    pair_buffer, floe_buffer = buffers
+    pair_buffer, floe_buffer, blows = buffers
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
-    for tile in range(first, last):
-        if moves and tile < seams:
+    noted = 0
+    for tile in range(first, last + 1):
+        if moves and tile < seams and tile < last:
             begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
             speed2 = move(
                 forces, at, p, begin, coast, kicked, dt, pushed, substeps, due, books.held[tile],
@@ -558,15 +590,23 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
             )  # fmt: skip
             lean(p.force, coast, end, kicked, 0.0, books.held[tile])
             fastest = max(fastest, speed2)
-        if touches:
-            touch(laws, p, lists, walls, tile, dt, inverse, books, pair_buffer)
+        before, noted = noted, 0
+        if touches and tile < last:
+            noted = touch(
+                laws, p, lists, walls, tile, dt, inverse, books, pair_buffer, blows[tile % 2]
+            )
+        if tile > first:  # the blows of the tile before, for which this one's forces are known now
+            strike_floes(
+                laws.contact, inverse, p.floes, p.spinning, blows[(tile - 1) % 2], before, dt,
+                p.force, books.held[tile - 1], books.lost[tile - 1],
+            )  # fmt: skip
     return fastest
 
 
 @in_place
 def verlet(
-    laws, forces, at, packed, lists, walls, books, dt, steps, substeps, marked, travelled, reach,
-    drag_every, lag, buffers,
+    laws, forces, at, packed, lists, walls, books, first_kick, dt, steps, substeps, marked,
+    travelled, reach, drag_every, lag, buffers,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
 
@@ -579,7 +619,7 @@ def verlet(
     first = (
         last - last
     )  # a zero, but no literal: for one the compiler would make kernels of their own
-    done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
+    done, kicked, way, since = 0, first_kick, 0.0, np.inf
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
             travelled = strayed(p.floes, walls.walls, marked)
@@ -596,7 +636,7 @@ def verlet(
                        lists.skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
                 laws, forces, at, p, lists, walls, first, last, turn == 0, turn == 1 or not anew,
-                kicked, dt, lag[0], substeps, due, books, buffers,
+                kicked, dt, lag[0], substeps, due, books, (*buffers, lists.blows),
             )  # fmt: skip
             fastest = max(fastest, speed2)
             way = dt * np.sqrt(fastest)
@@ -669,7 +709,7 @@ def taylor(
                    lists.skin + 2.0 * way)  # fmt: skip
             since = 0.0
         for tile in range(parts):
-            touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer)
+            touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer, lists.blows[0])
         for q in range(p.held.size):
             hold_taylor(p, p.held[q], ahead, dt, constraint)
         for tile in range(tiles.coast.size):

@@ -318,19 +318,23 @@ def _range(at):
     return np.sqrt(fastest2), least, most
 
 
+TURN = 4.0  # in one sub-step a floe then turns by a quarter at most
+
+
 def add_fastest_rate(
     force: Force, at: np.ndarray, speed: float, spin: float, rate: np.ndarray
 ) -> None:
     """Add a bound on |J| [1/s] of each floe while none moves faster than `speed` or spins faster than `spin`.
 
+    A turn by Coriolis force counts `TURN` times: a step is exact for the drag of one fluid, but not for a turn.
     at : table by block; rate : (blocks, BLOCK)
     """
     if isinstance(force, OceanDrag | AirDrag):
         _add_fastest_drag(at, speed, spin, rate)
     elif isinstance(force, Coriolis):
-        rate += abs(force.parameter)
+        rate += TURN * abs(force.parameter)
     elif isinstance(force, CoriolisField):
-        rate += np.abs(at[:, PARAMETER * BLOCK :])
+        rate += TURN * np.abs(at[:, PARAMETER * BLOCK :])
 
 
 @in_place

@@ -25,7 +25,7 @@ from floebmi.advance import Advance, Counters, State, draw_own
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
-from floebmi.dynamics import Step
+from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import Floes
 from floebmi.forces import (
@@ -230,6 +230,8 @@ class Model:
         self.seed, self.threads = seed, threads
         self.time = 0.0
         self._check_laws()
+        if step.fraction is None:
+            self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
         if rotation or turns(contact):
             floes.allow_rotation()
         rng = np.random.Generator(np.random.PCG64(seed))

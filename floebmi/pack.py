@@ -572,3 +572,32 @@ def turned(spinning, angle, k):
 @turned.register
 def _(spinning: None, angle, k):
     return 0.0
+
+
+@in_place
+def pressed(packed):
+    """Of the contact forces on what is free: Σ|F|²/m [N²/kg], torques with J, and the power Σ F·u [W]."""
+    p, press, power = packed, 0.0, 0.0
+    for k in range(p.floes.size):
+        floe, f = p.floes[k], p.force[k]
+        if p.inverse_x[k] > 0.0:
+            press += p.inverse_x[k] * f.x * f.x
+            power += f.x * floe.u
+        if p.inverse_y[k] > 0.0:
+            press += p.inverse_y[k] * f.y * f.y
+            power += f.y * floe.v
+    return add_twisted(p.spinning, p, press, power)
+
+
+@dispatched
+def add_twisted(spinning, p, press, power):
+    for k in range(spinning.size):
+        if p.inverse_spin[k] > 0.0:
+            press += p.inverse_spin[k] * p.force[k].torque ** 2
+            power += p.force[k].torque * spinning[k].omega
+    return press, power
+
+
+@add_twisted.register
+def _(spinning: None, p, press, power):
+    return press, power

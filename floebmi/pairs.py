@@ -34,10 +34,26 @@ from floebmi.columns import (
     gather,
     scatter,
 )  # fmt: skip
-from floebmi.contact import coefficient, lever_arm, pair_force, strength
+from floebmi.contact import blow, coefficient, lever_arm, pair_force, strength
 from floebmi.kernels import BLOCK, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
+
+
+BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
+    [
+        ("i", np.int64),
+        ("j", np.int64),
+        ("nx", np.float64),
+        ("ny", np.float64),
+        ("a_i", np.float64),  # lever arms [m]
+        ("a_j", np.float64),
+        ("opening", np.float64),  # when it was found [m/s]
+        ("slip_rate", np.float64),
+        ("normal", np.float64),  # impulses [N s]
+        ("tangential", np.float64),
+    ]
+)
 
 
 class PairList(NamedTuple):
@@ -99,6 +115,11 @@ def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
         Near(pairs.i, pairs.j, pairs.block, slot, i, j, block, parts, np.zeros(count, np.int64)),
         PairList(None, i, j, **memory, block=block),
     )
+
+
+def room_for_blows(parts: np.ndarray) -> np.ndarray:
+    """Room for the blows of two parts, each with as many pairs as any has."""
+    return np.empty((2, np.diff(parts).max(initial=0)), BLOW)
 
 
 def remembering(names: tuple[str, ...], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -188,12 +209,12 @@ def settle(near, first_part, last_part):
 @dispatched
 def touch_floes(
     law, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse,
-    constraint, lost, buffer,
+    constraint, lost, buffer, blows,
 ):  # fmt: skip
     """Add the forces of a part of the short list, a block at a time.
 
     dt : time over which contacts have slipped
-    inverse : inverse masses and inertia; floes whose contact opened or closed are struck, unless it is None
+    inverse : inverse masses and inertia; what contacts that opened or closed have to strike is noted, unless it is None
     lost : energy lost in friction, dashpots, bonds, failure [J], and bonds broken
     """
     begin = near.parts[part] + LANES * part
@@ -202,9 +223,10 @@ def touch_floes(
     slip, bonded, damped = pairs.slip, pairs.bonded, pairs.damped
     bent, failed, slid = pairs.bent, pairs.failed, pairs.slid
     friction_loss, dashpot_loss, bond_loss, failure_loss, broken = 0.0, 0.0, 0.0, 0.0, 0.0
+    noted = 0
     for first in range(begin, end, BLOCK):
         n = min(BLOCK, end - first)
-        blows = 0.0
+        struck = 0.0
         for k in range(0, n, LANES):
             gather(floes, pair_i, pair_j, first, buffer, k)
         gather_least(mu, pair_i, pair_j, first, n, MU, buffer)
@@ -246,29 +268,30 @@ def touch_floes(
             buffer[TORQUE_I + k] = f.f_t * a_i + f.moment
             buffer[TORQUE_J + k] = f.f_t * a_j - f.moment
             buffer[BLOW_N + k], buffer[BLOW_T + k] = f.blow_n, f.blow_t
-            blows += abs(f.blow_n) + abs(f.blow_t)
+            struck += abs(f.blow_n) + abs(f.blow_t)
         for k in range(n, n + (-n) % LANES):
             buffer[FX + k] = buffer[FY + k] = buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
         for k in range(0, n, LANES):
             scatter(force, pair_i, pair_j, first, buffer, k)
-        if blows > 0.0:
-            strike_floes(
-                inverse, law.friction, period_x, period_y, floes, spinning, pair_i, pair_j, first,
-                n, constraint, buffer,
+        if struck > 0.0:
+            noted = note_blows(
+                inverse, law, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, blows,
+                noted, buffer,
             )  # fmt: skip
     lost[0] += friction_loss
     lost[1] += dashpot_loss
     lost[2] += bond_loss
     lost[3] += failure_loss
     lost[4] += broken
+    return noted
 
 
 @touch_floes.register
 def _(
     law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse,
-    constraint, lost, buffer,
+    constraint, lost, buffer, blows,
 ):  # fmt: skip
-    pass
+    return 0
 
 
 @dispatched
@@ -327,33 +350,87 @@ def _(own: None, of_all, slot, buffer):
 
 
 @dispatched
-def strike_floes(
-    inverse, friction, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, constraint, buffer
+def note_blows(
+    inverse, law, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, blows, noted, buffer
 ):  # fmt: skip
-    """Blows of the contacts that opened or closed: few, at once, of opposite sign on both floes."""
+    """Note the blows of a block of pairs, few; returns how many there are by now."""
     for k in range(n):
-        blow_n, blow_t = buffer[BLOW_N + k], buffer[BLOW_T + k]
-        if blow_n == 0.0 and blow_t == 0.0:
+        if buffer[BLOW_N + k] == 0.0 and buffer[BLOW_T + k] == 0.0:
             continue
-        i, j = pair_i[first + k], pair_j[first + k]
+        one = blows[noted]
+        noted += 1
         dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
+        du, dv = buffer[DU + k], buffer[DV + k]
         r_i, r_j = buffer[R_I + k], buffer[R_J + k]
         distance = np.sqrt(dx * dx + dy * dy)
         nx, ny, gap = dx / distance, dy / distance, distance - (r_i + r_j)
+        a_i = lever_arm(law.friction, r_i, r_j, gap)
+        a_j = lever_arm(law.friction, r_j, r_i, gap)
+        one.i, one.j = pair_i[first + k], pair_j[first + k]
+        one.nx, one.ny, one.a_i, one.a_j = nx, ny, a_i, a_j
+        one.opening = du * nx + dv * ny
+        one.slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
+        one.normal, one.tangential = buffer[BLOW_N + k], buffer[BLOW_T + k]
+    return noted
+
+
+@note_blows.register
+def _(
+    inverse: None, law, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, blows, noted,
+    buffer,
+):  # fmt: skip
+    return noted
+
+
+@dispatched
+def strike_floes(law, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
+    """The blows that were noted, one after the other, of opposite sign on both floes.
+
+    By now the forces of the other contacts are known too, but for those with floes of still later tiles.
+    """
+    half, not_taken = 0.5 * dt, 0.0
+    inverse_x, inverse_y, inverse_spin = inverse
+    for q in range(noted):
+        one = blows[q]
+        i, j, nx, ny, a_i, a_j = one.i, one.j, one.nx, one.ny, one.a_i, one.a_j
+        du = floes[j].u - floes[i].u
+        du += half * (inverse_x[j] * force[j].x - inverse_x[i] * force[i].x)
+        dv = floes[j].v - floes[i].v
+        dv += half * (inverse_y[j] * force[j].y - inverse_y[i] * force[i].y)
+        w_x, w_y = inverse_x[i] + inverse_x[j], inverse_y[i] + inverse_y[j]
+        opening, slip_rate = du * nx + dv * ny, du * ny - dv * nx
+        w_n, w_t = w_x * nx * nx + w_y * ny * ny, w_x * ny * ny + w_y * nx * nx
+        for k, arm in ((i, a_i), (j, a_j)):
+            turn_rate, w = turning_ahead(inverse_spin, spinning, force, k, arm, half)
+            slip_rate += turn_rate
+            w_t += w
+        blow_n, _ = blow(law.dashpot, one.normal, one.opening, opening, w_n)
+        blow_t, rest = blow(law.dashpot, one.tangential, one.slip_rate, slip_rate, w_t)
+        not_taken += rest
         x, y = -blow_n * nx - blow_t * ny, -blow_n * ny + blow_t * nx
         strike(inverse, floes, i, x, y, constraint)
         strike(inverse, floes, j, -x, -y, constraint)
-        a_i, a_j = lever_arm(friction, r_i, r_j, gap), lever_arm(friction, r_j, r_i, gap)
-        strike_spin(inverse[2], spinning, i, blow_t * a_i, constraint)
-        strike_spin(inverse[2], spinning, j, blow_t * a_j, constraint)
+        strike_spin(inverse_spin, spinning, i, blow_t * a_i, constraint)
+        strike_spin(inverse_spin, spinning, j, blow_t * a_j, constraint)
+    # slip that a beam resists is a bond's
+    lost[2 if law.friction is None else 0] -= not_taken
 
 
 @strike_floes.register
-def _(
-    inverse: None, friction, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, constraint,
-    buffer,
-):  # fmt: skip
+def _(law: None, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
     pass
+
+
+@dispatched
+def turning_ahead(inverse_spin, spinning, force, k, arm, half):
+    """After half a step, what a floe's spin adds to the slip rate [m/s]; how easily a force turns it, a²/J [1/kg]."""
+    w = arm * inverse_spin[k]
+    return arm * spinning[k].omega + half * w * force[k].torque, arm * w
+
+
+@turning_ahead.register
+def _(inverse_spin: None, spinning, force, k, arm, half):
+    return 0.0, 0.0
 
 
 @inner

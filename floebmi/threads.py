@@ -26,16 +26,19 @@ from floebmi.pairs import narrow, settle
 
 
 def verlet(
-    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, dt: float, steps: int,
+    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, dt: float, steps: int,
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
     p, chunks = packed, lists.tiles.chunks
     threads = min(threads, len(chunks) - 1)
     seams, period = chunks[-1], (laws.period_x, laws.period_y)
-    buffers = [(np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)) for _ in range(threads)]
+    buffers = [
+        (np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER), np.empty_like(lists.blows))
+        for _ in range(threads)
+    ]
     bounds = [chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)]
-    done, kicked, way, since = 0, 0.5 * dt, 0.0, np.inf
+    done, kicked, way, since = 0, first_kick, 0.0, np.inf
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
 
         def share(work: Callable[[int, int, int], float]) -> float:

@@ -283,7 +283,7 @@ def test_explain_says_what_is_modelled_what_is_absent_and_what_it_costs(cli):
     assert result.exit_code == 0, result.output
     for said in (
         "Coulomb", "because friction turns floes", "left out", "bonds", "6 velocity components",
-        "0.3 of the stability limit", "MB", "exchanges: about",
+        "0.85 of the stability limit", "MB", "exchanges: about",
     ):  # fmt: skip
         assert said in result.stdout
     free = cli("explain", "two-floes", "--set", "contact=none", "--set", "ocean.velocity=[1,0]")

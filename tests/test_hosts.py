@@ -339,7 +339,8 @@ def test_a_run_on_veros_that_was_cut_off_goes_on_to_the_same_result(veros, tmp_p
         resumed.step(resumed.state)
     for name in ("u", "v", "temp", "salt", "tke", "psi"):
         a, b = (np.asarray(getattr(of.state.variables, name)) for of in (straight, resumed))
-        np.testing.assert_allclose(b, a, rtol=0, atol=1e-13 * np.abs(a).max())
+        mark = 1e-12 if name == "psi" else 1e-13  # which is found by iteration, as near as that
+        np.testing.assert_allclose(b, a, rtol=0, atol=mark * np.abs(a).max())
     a, b = straight.ice, resumed.ice
     np.testing.assert_allclose(b.model.floes.x, a.model.floes.x, rtol=1e-14)
     np.testing.assert_allclose(b.open_water, a.open_water, rtol=1e-13)

@@ -160,12 +160,12 @@ def too_explicit():
 
 def too_soft():
     floes = Floes([10.0, 29.9], [10.0, 10.0], 10.0, 1.0, u=[40.0, -40.0])
-    return Model(BOX, floes, contact=frictional(youngs_modulus=2e6))
+    return Model(BOX, floes, contact=frictional(youngs_modulus=2e6), step=Step(fraction=0.3))
 
 
 def too_coarse():
     law = Contact(friction=Coulomb(1e3))
-    limit = hexagonal_pack(6, law).longest_step() / Step().fraction
+    limit = hexagonal_pack(6, law, Step(fraction=1.0)).longest_step()
     return hexagonal_pack(6, law, Step(length=1.1 * limit))
 
 

@@ -6,6 +6,7 @@ import pytest
 from floebmi import advance, tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
+from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import COAST, FIXED_Y, Floes
 from floebmi.forces import AirDrag, OceanDrag
@@ -24,7 +25,7 @@ def small_chunks(monkeypatch):
         monkeypatch.setattr(advance, width, 0)
 
 
-def pack_of_floes(law, threads=1, walls=False, drag=()):
+def pack_of_floes(law, threads=1, walls=False, drag=(), step=Step()):
     edges = ("periodic",) * 2 + ("closed" if walls else "periodic",) * 2
     domain = Domain((0.0, 1000.0), (0.0, 1000.0), *edges)
     floes = scatter(domain, SIZES, concentration=0.7, seed=3)
@@ -32,7 +33,8 @@ def pack_of_floes(law, threads=1, walls=False, drag=()):
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.3, (2, len(floes)))
     floes.motion[::20] = FIXED_Y
     floes.motion[7::40], floes.u[7::40], floes.v[7::40] = COAST, 0.0, 0.0
-    return Model(domain, floes, law, drag, threads=threads, walls=[Wall("south", velocity=0.1)] if walls else [])  # fmt: skip
+    walls = [Wall("south", velocity=0.1)] if walls else []
+    return Model(domain, floes, law, drag, threads=threads, walls=walls, step=step)
 
 
 @pytest.mark.parametrize(
@@ -61,10 +63,10 @@ def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
 
 
 def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
-    whole = pack_of_floes(frictional())
+    whole = pack_of_floes(frictional(), step=Step(fraction=0.3))
     whole.advance(0.3)
     monkeypatch.setattr(tiles, "CHUNK", 80)
-    cut = pack_of_floes(frictional())
+    cut = pack_of_floes(frictional(), step=Step(fraction=0.3))
     cut.advance(0.3)
     assert len(cut._now().tiles.chunks) > 3
     # blows of contacts that open are struck one after the other, so their order shows a little

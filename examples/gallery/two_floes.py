@@ -16,7 +16,8 @@ from matplotlib.patches import Circle
 import floebmi as fb
 from floebmi.plot import LINES, graph
 
-model = fb.read_scene("two-floes").build().model
+# a pack does well with steps as long as they come; what one contact does, short steps tell more exactly
+model = fb.read_scene("two-floes", ["step.fraction=0.1"]).build().model
 with TemporaryDirectory() as folder:
     fb.run(model, 150.0, every=2.5, trajectories=Path(folder, "floes.nc"))
     floes = xr.load_dataset(Path(folder, "floes.nc"), decode_times=False)
