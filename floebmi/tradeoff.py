@@ -89,7 +89,7 @@ def settings(scene: Scene, model: "Model") -> dict[str, list[str]]:
     dials["contact"] = [f"contact={word}" for word in words if word != kind]
     if law is not None:
         if step.scheme == "verlet" and step.epsilon is None and step.length is None:
-            dials["step"] = [f"step.fraction={f:g}" for f in (0.15, 0.5, 0.8) if f != step.fraction]
+            dials["step"] = [f"step.fraction={f:g}" for f in (0.15, 0.3, 0.6) if f < step.fraction]
         key = "contact.youngs_modulus" if _is_model(scene) else "contact.elastic.youngs_modulus"
         modulus = law.elastic.youngs_modulus
         dials["stiffness"] = [f"{key}={modulus / by:.4g}" for by in (4, 16, 64)]
@@ -105,7 +105,7 @@ def settings(scene: Scene, model: "Model") -> dict[str, list[str]]:
         if scene.sampling == "overlap" and scene.grid is not None:
             dials["sampling"] = ["sampling=centre"]
         exchange, every = scene.schedule().exchange, scene.schedule().every
-        longer = [by * exchange for by in (2, 4) if every % (by * exchange) == 0]
+        longer = [by * exchange for by in (2, 3, 4) if every % (by * exchange) == 0]
         dials["exchange"] = [f"time.exchange={e:g}" for e in longer]
     return {dial: texts for dial, texts in dials.items() if texts}
 
