@@ -495,6 +495,15 @@ def _outputs(path: Path) -> _Pictured:
     return _Pictured(path, beside if path.name == "floes.nc" and beside.exists() else None)
 
 
+def _is_tradeoff(path: Path) -> bool:
+    from floebmi.output import open_file
+
+    if path.is_dir():
+        return False
+    with open_file(path, "trajectories", "gridded", "tradeoff") as data:
+        return str(data.floebmi_file).startswith("tradeoff")
+
+
 def _target(target: Path | None, default: Path, force: bool) -> Path:
     target = default if target is None else target
     if target.exists() and not force:
@@ -542,9 +551,20 @@ def plot(
     ledger: bool,
     arrows: str | None,
 ) -> None:
-    """Draw a frame of FILE: the folder of a run, its floes.nc or its gridded.nc."""
+    """Draw a frame of FILE: the folder of a run, its floes.nc or its gridded.nc.
+
+    Of the NetCDF file of a trade-off: error against cost of its settings.
+    """
     from floebmi import plot as draw
 
+    if _is_tradeoff(file):
+        from floebmi import tradeoff as trade
+
+        target = _target(target, file.with_suffix(".png"), force)
+        data = trade.read(file)
+        trade.figure(data, data.attrs["title"]).savefig(target, dpi=160)
+        click.echo(f"wrote {target}")
+        return
     files = _outputs(file)
     if ledger:
         target = _target(target, files.first.with_name("ledger.png"), force)

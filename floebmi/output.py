@@ -864,7 +864,7 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
     Parameters
     ----------
     path : the file
-    kinds : which may be opened: "gridded", "trajectories"
+    kinds : which may be opened: "gridded", "trajectories", "tradeoff"
 
     Raises
     ------

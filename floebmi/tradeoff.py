@@ -27,6 +27,7 @@ from floebmi.errors import InputError
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
+from floebmi.output import FILE_VERSION, open_file
 from floebmi.running import Forcing
 from floebmi.scene import Built, Scene, read_scene
 from floebmi.vorticity import gradient_operators
@@ -298,6 +299,7 @@ def tradeoff(
         if _acceptable(data, error).sel(setting=text):
             break
     data.attrs |= {
+        "floebmi_file": f"tradeoff {FILE_VERSION}",
         "title": f"speed against accuracy of the scene {scene.name}",
         "scene_hash": shared["text"],
         "duration": schedule.duration,
@@ -551,14 +553,21 @@ def _hash(text: str) -> str:
 def result(scene: Scene) -> "xr.Dataset | None":
     """The result that is stored beside a scene; None if there is none for this text of it and these overrides."""
     path = stored(scene)
-    data = _read(path) if path.exists() else None
+    data = read(path) if path.exists() else None
     return data if data is not None and data.attrs.get("scene_hash") == _hash(scene.text) else None
 
 
-def _read(path: Path) -> "xr.Dataset":
+def read(path: Path) -> "xr.Dataset":
+    """A result from its file.
+
+    Raises
+    ------
+    InputError
+        if there is no such file, it is damaged, or is none of `floebmi tradeoff`.
+    """
     import xarray as xr
 
-    with xr.open_dataset(path) as data:
+    with open_file(path, "tradeoff"), xr.open_dataset(path) as data:
         return data.load()
 
 
@@ -576,7 +585,7 @@ def chosen(scene: Scene, accuracy: float) -> str:
     if not path.exists():
         raise InputError(f"--accuracy: there is no {path.name} beside {scene.file}; {make}")
     if data is None:
-        overrides = json.loads(_read(path).attrs.get("overrides", "[]"))
+        overrides = json.loads(read(path).attrs.get("overrides", "[]"))
         if overrides and result(read_scene(scene.file, overrides)) is not None:
             same = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
             raise InputError(

@@ -68,7 +68,7 @@ SHORTER = {
 }
 # Long even so, or of kernels that nothing else in the suite compiles.
 LONG = re.compile(
-    "floebmi (tradeoff|validate .|experiment (shear|strait)|run strait |run .* --accuracy|explain .* --calibrate)"
+    "floebmi (tradeoff|validate .|experiment (shear|strait)|run strait |plot .*tradeoff|run .* --accuracy|explain .* --calibrate)"
     "|python -m (benchmarks|examples|pytest)|python examples|mpirun|bmi-test"
 )
 # Not run from a page: the file that runs it, and by which words.

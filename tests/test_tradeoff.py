@@ -49,6 +49,9 @@ CHAOTIC = SCENE.replace("[floes]\n" + PACK, "".join(
 )).replace("duration = 60", "duration = 300").replace("every = 15", "every = 60")  # fmt: skip
 
 
+MARK = {"floebmi_file": "tradeoff 1"}
+
+
 @pytest.fixture
 def few_dials(monkeypatch):
     """Dials that all run the same machine code."""
@@ -92,10 +95,33 @@ def test_a_result_of_another_text_of_the_scene_is_refused(tmp_path):
     scene = read_scene(scene_file(tmp_path, QUIET))
     with pytest.raises(InputError, match="there is no pack.tradeoff.nc beside"):
         tradeoff.chosen(scene, 0.1)
-    xr.Dataset(attrs={"scene_hash": "of another"}).to_netcdf(tradeoff.stored(scene))
+    xr.Dataset(attrs=MARK | {"scene_hash": "of another"}).to_netcdf(tradeoff.stored(scene))
     with pytest.raises(InputError, match="was measured for another text"):
         tradeoff.chosen(scene, 0.1)
     assert tradeoff.result(scene) is None
+
+
+def test_a_damaged_result_and_a_file_that_is_none_are_refused_in_one_line(tmp_path):
+    path = scene_file(tmp_path, QUIET)
+    result = tradeoff.stored(read_scene(path))
+    for spoil, told in (
+        (lambda: result.write_bytes(b"no NetCDF"), "is no NetCDF file, or a damaged one"),
+        (lambda: xr.Dataset().to_netcdf(result), "is \"none of floebmi's\"; must be 'tradeoff 1'"),
+    ):
+        spoil()
+        for words in (["run", str(path), "--accuracy", "0.1"], ["explain", str(path)]):
+            refused = CliRunner().invoke(command, words, prog_name="floebmi")
+            assert refused.exit_code == 2 and refused.stderr.count("\n") == 1
+            assert f"{result}: {told}" in refused.stderr
+    assert not (tmp_path / "pack").exists()
+
+
+def test_a_packaged_result_is_drawn_anew(tmp_path):
+    picture = tmp_path / "front.png"
+    words = ["plot", str(tradeoff.stored(read_scene("two-floes"))), "--to", str(picture)]
+    assert CliRunner().invoke(command, words).output == f"wrote {picture}\n"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "exists already" in CliRunner().invoke(command, words).stderr
 
 
 def test_a_result_is_taken_for_what_was_set_by_hand_when_it_was_measured_or_for_the_scene_alone(
@@ -106,7 +132,10 @@ def test_a_result_is_taken_for_what_was_set_by_hand_when_it_was_measured_or_for_
 
     def run(measured_with, *changes):
         text = read_scene(path, measured_with).text
-        data.attrs |= {"scene_hash": tradeoff._hash(text), "overrides": json.dumps(measured_with)}
+        data.attrs |= MARK | {
+            "scene_hash": tradeoff._hash(text),
+            "overrides": json.dumps(measured_with),
+        }
         data.to_netcdf(path.with_suffix(".tradeoff.nc"))
         options = [
             "--accuracy",
