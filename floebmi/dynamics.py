@@ -3,10 +3,10 @@
     m du/dt = Σ contacts (f_n + f_t) + Σ forces that the scene lists          (eq. momentum)
     J dω/dt = Σ contacts torque      + Σ torques of the fluids                (eq. angular-momentum)
 
-A step of the default scheme is kick, drift, touch, kick: half a velocity step under the contact forces,
-half a way, the other forces (forces.py, one linearly implicit step), the other half of the way, the contact
-forces at the new place, and the second half kick.  It is of second order, and keeps the energy of an undamped
-pack.  A contact that opens or closes within a step acts only for its part of it (eq. part-of-a-step): `touch`
+A step of the default scheme is kick, push, kick, drift, touch: half a velocity step under the contact forces,
+the other forces (forces.py, one linearly implicit step), the second half kick, the way, and the contact forces at
+the new place.  It is of second order, and keeps the energy of an undamped pack; the other forces act on the
+velocities that this energy is made of, so that their work is what it changes by.  A contact that opens or closes within a step acts only for its part of it (eq. part-of-a-step): `touch`
 notes the difference, and when the forces are known the two floes are struck with it.  `taylor2` and `taylor3`
 are the paper's schemes (Eq. 4, its text).
 
@@ -164,28 +164,23 @@ class Books(NamedTuple):
 
 
 @inner
-def kick(
-    floes, spinning, force, inverse_x, inverse_y, inverse_spin, held, first, n, dt, kept, constraint
-):  # fmt: skip
-    """Contact forces change the velocities of a block of floes for a time dt; held ones are booked.
-
-    kept : 1, or 0 where the forces are used up
-    """
-    if held.size > 0:
-        hold_kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, first, n, dt,
-                  constraint)  # fmt: skip
+def kick(p, first, n, dt, constraint):
+    """Contact forces change the velocities of a block of floes for a time dt; held ones are booked."""
+    if p.held.size > 0:
+        hold_kick(p, first, n, dt, constraint)
     for k in range(first, first + n):
-        kick_one(floes, spinning, force, inverse_x, inverse_y, inverse_spin, np.uintp(k), dt, kept)
+        kick_one(p, np.uintp(k), dt, 1.0)
 
 
 @inner
-def kick_one(floes, spinning, force, inverse_x, inverse_y, inverse_spin, k, dt, kept):
-    floe, f = floes[k], force[k]
-    floe.u += dt * inverse_x[k] * f.x
-    floe.v += dt * inverse_y[k] * f.y
+def kick_one(p, k, dt, kept):
+    """kept : 1, or 0 where the forces are used up"""
+    floe, f = p.floes[k], p.force[k]
+    floe.u += dt * p.inverse_x[k] * f.x
+    floe.v += dt * p.inverse_y[k] * f.y
     f.x *= kept
     f.y *= kept
-    kick_spin(spinning, inverse_spin, f, k, dt, kept)
+    kick_spin(p.spinning, p.inverse_spin, f, k, dt, kept)
 
 
 @dispatched
@@ -200,16 +195,16 @@ def _(spinning: None, inverse_spin, f, k, dt, kept):
 
 
 @inner
-def hold_kick(floes, spinning, force, inverse_x, inverse_y, inverse_spin, first, n, dt, constraint):
+def hold_kick(p, first, n, dt, constraint):
     """What holds an axis takes up the contact forces along it."""
     for k in range(first, first + n):
-        if inverse_x[k] == 0.0:
-            constraint[0] -= dt * force[k].x
-            constraint[2] -= dt * force[k].x * floes[k].u
-        if inverse_y[k] == 0.0:
-            constraint[1] -= dt * force[k].y
-            constraint[2] -= dt * force[k].y * floes[k].v
-    hold_kick_back(spinning, force, inverse_spin, first, n, dt, constraint)
+        if p.inverse_x[k] == 0.0:
+            constraint[0] -= dt * p.force[k].x
+            constraint[2] -= dt * p.force[k].x * p.floes[k].u
+        if p.inverse_y[k] == 0.0:
+            constraint[1] -= dt * p.force[k].y
+            constraint[2] -= dt * p.force[k].y * p.floes[k].v
+    hold_kick_back(p.spinning, p.force, p.inverse_spin, first, n, dt, constraint)
 
 
 @dispatched
@@ -243,50 +238,33 @@ def _(walls: None, dt, ahead):
 
 
 @inner
-def drift(
-    forces, at, floes, spinning, angle, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
-    first, n, dt, pushed, parts, constraint, buffer,
-):  # fmt: skip
-    """Half the way, the other forces for a time `pushed` in `parts` steps, half the way.
-
-    Returns the largest speed² [m²/s²].
-    """
-    half = 0.5 * dt
+def kick_and_push(forces, at, p, first, n, kicked, pushed, parts, constraint, buffer):
+    """Kick a block of floes, then let the other forces act for a time `pushed` in some parts."""
+    kick(p, first, n, kicked, constraint)
     for k in range(n):
-        floe = floes[np.uintp(first + k)]
-        floe.x += half * floe.u
-        floe.y += half * floe.v
+        floe = p.floes[np.uintp(first + k)]
         buffer[U + k], buffer[V + k] = floe.u, floe.v
-    turn_half(spinning, angle, first, n, half, buffer)
+    read_spin(p.spinning, first, n, buffer)
     for _ in range(parts):
         push(
-            forces, at, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held,
-            pushed / parts, constraint, buffer,
+            forces, at, first, n, p.mass, p.inertia, p.inverse_x, p.inverse_y, p.inverse_spin,
+            p.held, pushed / parts, constraint, buffer,
         )  # fmt: skip
-    fastest = 0.0
     for k in range(n):
-        floe = floes[np.uintp(first + k)]
-        u, v = buffer[U + k], buffer[V + k]
-        floe.u, floe.v = u, v
-        floe.x += half * u
-        floe.y += half * v
-        fastest = max(fastest, u * u + v * v)
-    turn_other_half(spinning, angle, first, n, half, buffer)
-    return fastest
+        floe = p.floes[np.uintp(first + k)]
+        floe.u, floe.v = buffer[U + k], buffer[V + k]
+    write_spin(p.spinning, first, n, buffer)
 
 
 @inner
 def glide(p, begin, end, kicked, dt, constraint):
-    """Kick and drift floes on which nothing else acts now; returns the largest speed²."""
-    if p.held.size > 0:
-        hold_kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin,
-                  begin, end - begin, kicked, constraint)  # fmt: skip
+    """Kick and drift floes, which uses up the contact forces; returns the largest speed²."""
     fastest = 0.0
+    if p.held.size > 0:
+        hold_kick(p, begin, end - begin, kicked, constraint)
     for k in range(begin, end):
         k = np.uintp(k)
-        kick_one(
-            p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, k, kicked, 0.0
-        )
+        kick_one(p, k, kicked, 0.0)
         floe = p.floes[k]
         floe.x += dt * floe.u
         floe.y += dt * floe.v
@@ -306,29 +284,24 @@ def _(spinning: None, angle, k, dt):
 
 
 @dispatched
-def turn_half(spinning, angle, first, n, half, buffer):
+def read_spin(spinning, first, n, buffer):
     for k in range(n):
-        floe = np.uintp(first + k)
-        omega = spinning[floe].omega
-        buffer[OMEGA + k] = omega
-        angle[floe] += half * omega
+        buffer[OMEGA + k] = spinning[np.uintp(first + k)].omega
 
 
-@turn_half.register
-def _(spinning: None, angle, first, n, half, buffer):
+@read_spin.register
+def _(spinning: None, first, n, buffer):
     pass
 
 
 @dispatched
-def turn_other_half(spinning, angle, first, n, half, buffer):
+def write_spin(spinning, first, n, buffer):
     for k in range(n):
-        floe, omega = np.uintp(first + k), buffer[OMEGA + k]
-        spinning[floe].omega = omega
-        angle[floe] += half * omega
+        spinning[np.uintp(first + k)].omega = buffer[OMEGA + k]
 
 
-@turn_other_half.register
-def _(spinning: None, angle, first, n, half, buffer):
+@write_spin.register
+def _(spinning: None, first, n, buffer):
     pass
 
 
@@ -502,22 +475,23 @@ def lean(force, begin, end, dt, kept, constraint):
 
 @inner
 def move(
-    forces, at, packed, begin, end, kicked, dt, pushed, substeps, due, constraint, buffer
+    forces, at, packed, begin, end, kicks, dt, pushed, substeps, constraint, buffer
 ):  # fmt: skip
-    """Kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed²."""
-    p, fastest = packed, 0.0
-    if len(forces) == 0 or not due:
-        return glide(p, begin, end, kicked, dt, constraint)
+    """Kick, push, kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed².
+
+    kicks : before and after the push [s]; pushed : time that the other forces act for [s], 0 where they do not yet
+    """
+    before, after = kicks
+    if len(forces) == 0 or pushed == 0.0:
+        return glide(packed, begin, end, before + after, dt, constraint)
+    fastest = 0.0
     for first in range(begin, end, BLOCK):
         n = min(BLOCK, end - first)
-        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             first, n, kicked, 0.0, constraint)  # fmt: skip
-        speed2 = drift(
-            forces, at, p.floes, p.spinning, p.angle, p.mass, p.inertia, p.inverse_x,
-            p.inverse_y, p.inverse_spin, p.held, first, n, dt, pushed,
-            substeps[first // BLOCK], constraint, buffer,
+        kick_and_push(
+            forces, at, packed, first, n, before, pushed, substeps[first // BLOCK], constraint,
+            buffer,
         )  # fmt: skip
-        fastest = max(fastest, speed2)
+        fastest = max(fastest, glide(packed, first, first + n, after, dt, constraint))
     return fastest
 
 
@@ -529,15 +503,51 @@ def move_walls(walls, kicked, dt):
 
 
 @in_place
-def end_steps(packed, tiles, walls, dt, constraint):
-    """The second half of the last kick."""
+def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constraint, buffer):
+    """The second half of the last kick, and what is left of the push; the forces stay to be looked at."""
     p = packed
-    kick_walls(walls, 0.5 * dt, 0.0)
+    kick_walls(walls, kicked, 0.0)
     for tile in range(tiles.coast.size):
         begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
-        kick(p.floes, p.spinning, p.force, p.inverse_x, p.inverse_y, p.inverse_spin, p.held,
-             begin, coast - begin, 0.5 * dt, 1.0, constraint)  # fmt: skip
-        lean(p.force, coast, end, 0.5 * dt, 1.0, constraint)
+        if len(forces) == 0 or pushed == 0.0:
+            kick(p, begin, coast - begin, kicked, constraint)
+        else:
+            for first in range(begin, coast, BLOCK):
+                n = min(BLOCK, coast - first)
+                kick_and_push(
+                    forces, at, p, first, n, kicked, pushed, substeps[first // BLOCK], constraint,
+                    buffer,
+                )  # fmt: skip
+        lean(p.force, coast, end, kicked, 1.0, constraint)
+
+
+@in_place
+def time_to_push(lag, drag_every, dt, rest):
+    """Time that the other forces act for at the beginning of a step [s]; 0 where they do not.
+
+    They act once in `drag_every` steps, for half of that time before and half of it after.
+
+    lag : time by which they are behind [s], and in how many steps they act; as it will be after this step
+    rest : time to the end of the exchange, beyond which they may not act [s]
+    """
+    pushed = 0.0
+    if lag[1] <= 0.0:
+        ahead = min(0.5 * drag_every * dt, rest)
+        pushed = lag[0] + ahead
+        lag[0], lag[1] = -ahead, drag_every
+    lag[0] += dt
+    lag[1] -= 1.0
+    return pushed
+
+
+@in_place
+def time_left_to_push(lag, reached):
+    """The same at the end of some steps: what is left, if the end of the exchange is reached."""
+    if not reached:
+        return 0.0
+    left = max(lag[0], 0.0)
+    lag[:] = 0.0
+    return left
 
 
 @inner
@@ -571,10 +581,11 @@ def touch_all(laws, packed, lists, walls, books, buffers):
 
 
 @inlined
-def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicked, dt, pushed, substeps,
-          due, books, buffers):  # fmt: skip
-    """Kick and drift the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
+def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps,
+          books, buffers):  # fmt: skip
+    """Move the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
 
+    kicks, pushed : see `move`
     buffers : of a block of pairs, shape (PAIR_BUFFER,), of a block of floes, (FORCE_BUFFER,), and the blows of two tiles
     """
     p, tiles, seams, fastest = packed, lists.tiles, lists.tiles.coast.size, 0.0
@@ -585,10 +596,10 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
         if moves and tile < seams and tile < last:
             begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
             speed2 = move(
-                forces, at, p, begin, coast, kicked, dt, pushed, substeps, due, books.held[tile],
+                forces, at, p, begin, coast, kicks, dt, pushed, substeps, books.held[tile],
                 floe_buffer,
             )  # fmt: skip
-            lean(p.force, coast, end, kicked, 0.0, books.held[tile])
+            lean(p.force, coast, end, kicks[0] + kicks[1], 0.0, books.held[tile])
             fastest = max(fastest, speed2)
         before, noted = noted, 0
         if touches and tile < last:
@@ -610,43 +621,44 @@ def verlet(
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
 
-    The last half kick of a step and the first of the next are of the same force: they are one kick.  Floes
-    move and touch tile by tile, while they are in the cache, unless the short list is to be made anew between.
+    The last half kick of a step and the first of the next are of the same force: they are one kick, unless the other
+    forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list is
+    to be made anew between.
 
-    lag : time [s] and steps since the forces other than contacts have acted; none is left after `steps`
+    lag : see `time_to_push`; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
     first = (
         last - last
     )  # a zero, but no literal: for one the compiler would make kernels of their own
-    done, kicked, way, since = 0, first_kick, 0.0, np.inf
+    done, kicks, way, since = 0, (0.0, first_kick), 0.0, np.inf
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
             travelled = strayed(p.floes, walls.walls, marked)
             if not travelled < NEARLY * reach:
                 break
-        lag[0] += dt
-        lag[1] += 1.0
-        due = lag[1] >= drag_every or done == steps - 1
+        pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, lists.skin)
-        fastest = move_walls(walls.walls, kicked, dt)
+        fastest = move_walls(walls.walls, kicks[0] + kicks[1], dt)
         for turn in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
             if turn == 1:
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
                        lists.skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
                 laws, forces, at, p, lists, walls, first, last, turn == 0, turn == 1 or not anew,
-                kicked, dt, lag[0], substeps, due, books, (*buffers, lists.blows),
+                kicks, dt, pushed, substeps, books, (*buffers, lists.blows),
             )  # fmt: skip
             fastest = max(fastest, speed2)
             way = dt * np.sqrt(fastest)
-        if due:
-            lag[:] = 0.0
         travelled, since = travelled + way, 0.0 if anew else since + way
-        done, kicked = done + 1, dt
+        done, kicks = done + 1, (0.5 * dt, 0.5 * dt)
     settle(near, first, last)
     if done > 0:
-        end_steps(p, lists.tiles, walls.walls, dt, books.held[last - 1])
+        pushed = time_left_to_push(lag, done == steps)
+        end_steps(
+            forces, at, p, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
+            books.held[last - 1], buffers[1],
+        )  # fmt: skip
     return done
 
 
@@ -720,7 +732,7 @@ def taylor(
             n = min(BLOCK, p.floes.size - first)
             for k in range(n):
                 buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
-            turn_half(p.spinning, p.angle, first, n, 0.0, buffer)
+            read_spin(p.spinning, first, n, buffer)
             buffer[D_U : SLOPE + BLOCK] = 0.0
             for k in range(n):
                 buffer[IMPULSE + k] = p.mass[first + k] * dt

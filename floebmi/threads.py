@@ -19,6 +19,8 @@ from floebmi.dynamics import (
     move_walls,
     strayed,
     sweep,
+    time_left_to_push,
+    time_to_push,
 )
 from floebmi.forces import FORCE_BUFFER
 from floebmi.pack import Packed
@@ -38,7 +40,7 @@ def verlet(
         for _ in range(threads)
     ]
     bounds = [chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)]
-    done, kicked, way, since = 0, first_kick, 0.0, np.inf
+    done, kicks, way, since = 0, (0.0, first_kick), 0.0, np.inf
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
 
         def share(work: Callable[[int, int, int], float]) -> float:
@@ -49,7 +51,7 @@ def verlet(
 
         def steps_of(moves: bool, touches: bool) -> Callable[[int, int, int], float]:
             return lambda thread, first, last: sweep(
-                laws, forces, at, p, lists, walls, first, last, moves, touches, kicked, dt, lag[0], substeps, due, books,
+                laws, forces, at, p, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps, books,
                 buffers[thread],
             )  # fmt: skip
 
@@ -62,22 +64,22 @@ def verlet(
                 travelled = strayed(p.floes, walls.walls, marked)
                 if not travelled < NEARLY * reach:
                     break
-            lag[0] += dt
-            lag[1] += 1.0
-            due = lag[1] >= drag_every or done == steps - 1
+            pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
             anew = is_stale(since, way, lists.skin)
-            fastest = max(move_walls(walls.walls, kicked, dt), share(steps_of(True, not anew)))
+            fastest = max(move_walls(walls.walls, sum(kicks), dt), share(steps_of(True, not anew)))
             way = dt * np.sqrt(fastest)
             if anew:
                 share(touch_anew)
                 touch_anew(0, seams, seams + 1)
             else:
                 steps_of(False, True)(0, seams, seams + 1)
-            if due:
-                lag[:] = 0.0
             travelled, since = travelled + way, 0.0 if anew else since + way
-            done, kicked = done + 1, dt
+            done, kicks = done + 1, (0.5 * dt, 0.5 * dt)
     settle(lists.near, 0, seams + 1)
     if done > 0:
-        end_steps(p, lists.tiles, walls.walls, dt, books.held[seams])
+        pushed = time_left_to_push(lag, done == steps)
+        end_steps(
+            forces, at, p, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps, books.held[seams],
+            buffers[0][1],
+        )  # fmt: skip
     return done
