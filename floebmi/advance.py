@@ -284,6 +284,7 @@ class Advance:
         self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
         self.before = Survey(*survey(self.packed))
+        self.liveliest = max(self.liveliest, self.before.energy)
 
     def _rate_of_forces(self) -> np.ndarray:
         """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""

@@ -54,8 +54,12 @@ class Ledger:
         self.turnover += np.abs(row)
 
     def saw(self, energy: float) -> None:
-        """Between two bookings the ice had this energy: as much has passed, though it may have gone again."""
+        """Between two bookings the ice had this kinetic energy: as much has passed, though it may have gone again.
+
+        Floes that move against each other have momentum that their sum does not show, up to √(2 m K) in all.
+        """
         self.turnover[3] = max(self.turnover[3], energy)
+        self.turnover[1:3] = np.maximum(self.turnover[1:3], np.sqrt(2.0 * self.now[0] * energy))
 
     def balance(self, quantity: str) -> Balance:
         """The balance of "mass", "momentum_x", "momentum_y" or "energy"."""

@@ -182,6 +182,19 @@ def test_energy_that_came_and_went_within_an_exchange_has_passed():
     assert 0.8 * fallen < model.ledger.turnover[3] < 1.2 * fallen
 
 
+def test_momentum_is_held_against_that_of_floes_that_move_against_each_other():
+    floes = Floes([0.0, 24.0], 0.0, [10.0, 10.1], 1.0, u=[0.3, -0.3 * (10.0 / 10.1) ** 2])
+    model = Model(
+        Domain((-50.0, 50.0), (-50.0, 50.0), *4 * ("inactive",)), floes, contact=Contact()
+    )
+    model.advance(20.0)
+    assert floes.u[0] < 0.0 < floes.u[1]
+    balance = model.ledger.balance("momentum_x")
+    assert abs(balance.now) < 1e-9 and balance.relative < 1e-14  # not what is left over itself
+    model.ledger.now[1] += 1e-3 * floes.mass(934.0)[0]  # control: so much from nowhere
+    assert model.ledger.balance("momentum_x").relative > 1e-3
+
+
 def test_a_body_force_acts_on_ice_and_not_on_coast():
     floes = Floes([0.0, 25.0], 9.0, 1.0, 1.0, motion=[0, COAST])
     domain = Domain((-5.0, 30.0), (0.0, 20.0), "inactive", "inactive", "closed", "closed")
