@@ -58,6 +58,7 @@ from floebmi.pack import (
     reach,
     stable_step,
     stiffest,
+    stock_of_each,
     survey,
     unpack,
     widest_gap,
@@ -281,9 +282,9 @@ class Advance:
     def _begin(self) -> None:
         """What steps need besides the list."""
         self.here = tuple(by_block(at, self.packed.number) for at in self.at)
+        self.before = Survey(*survey(self.packed))
         self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
-        self.before = Survey(*survey(self.packed))
 
     def _rate_of_forces(self) -> np.ndarray:
         """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
@@ -291,12 +292,10 @@ class Advance:
         n = len(p.number)
         if not self.forces or not n or self.step.scheme != "verlet":
             return np.zeros(n // BLOCK + 1)
-        u, v = p.floes["u"], p.floes["v"]
-        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning["omega"]).max())
-        speed = speed_bound(self.forces, self.here, math.sqrt((u * u + v * v).max()))
+        speed = speed_bound(self.forces, self.here, self.before.speed)
         rate = np.zeros((len(self.here[0]), BLOCK))
         for force, at in zip(self.forces, self.here, strict=True):
-            add_fastest_rate(force, at, speed, spin, rate)
+            add_fastest_rate(force, at, speed, self.before.spin, rate)
         rate = rate.reshape(-1)
         rate[n:] = 0.0
         if len(p.held):
@@ -618,19 +617,17 @@ class Advance:
         keeps = self.step.scheme == "verlet" and self.contact is not None
         if not keeps or self.contact.dashpot is not None:
             return 0.0, 0.0
-        walls = self.state.walls
-        force, inverse = walls["force"] + walls["side"] * walls["press"], walls["inverse_mass"]
-        press, power = pressed(self.packed)
-        power += float(force[inverse > 0.0] @ walls["speed"][inverse > 0.0])
-        return press + float(force**2 @ inverse), power
+        return pressed(self.packed, self.walls.walls)
 
     def _first_kick(self, dt: float) -> float:
         """The first half kick [s] of steps of dt: as a run begins, so much longer that it has all its energy.
 
         (eq. first-kick); steps of a given length stay as they are.
         """
+        if self.state.counters.steps or self.step.length is not None:
+            return 0.5 * dt
         press, power = self._press()
-        if press == 0.0 or self.state.counters.steps or self.step.length is not None:
+        if press == 0.0:
             return 0.5 * dt
         left = power**2 + 0.25 * (press * dt) ** 2
         return 0.5 * dt + (math.copysign(math.sqrt(left), power) - power) / press
@@ -670,8 +667,9 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
 
 def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
     """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
-    mass = np.where(of & ~floes.land, floes.mass(density), 0.0)
-    energy = 0.5 * (mass * (floes.u**2 + floes.v**2)).sum()
-    if floes.rotation:
-        energy += 0.25 * (mass * (floes.radius * floes.angular_velocity) ** 2).sum()  # J = m r²/2
-    return np.array([mass.sum(), (mass * floes.u).sum(), (mass * floes.v).sum(), energy])
+    f, stock = floes, np.empty((4, len(floes)))
+    columns = f.motion, f.radius, f.thickness, f.u, f.v, f.angular_velocity
+    stock_of_each(of, *columns, density, stock)
+    return stock.sum(
+        axis=1
+    )  # not summed in the kernel: momenta of opposite sign cancel to the last bit

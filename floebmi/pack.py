@@ -536,12 +536,15 @@ def deepest(period_x, period_y, floes, pair_i, pair_j):
 class Survey(NamedTuple):
     """How packed floes fare.
 
-    finite : all places, velocities and angles are numbers; energy : kinetic [J]
+    finite : all places, velocities and angles are numbers; energy : kinetic, of what does not turn [J]
+    speed, spin : of the fastest [m/s] and of the one that turns fastest [rad/s]
     pace, which : how fast the fastest for its radius is [radii per s], and its packed index
     """
 
     finite: bool
     energy: float
+    speed: float
+    spin: float
     pace: float
     which: int
 
@@ -549,33 +552,45 @@ class Survey(NamedTuple):
 @in_place
 def survey(packed):
     """A `Survey` as a tuple."""
-    p, finite, energy, pace2, which = packed, True, 0.0, 0.0, 0
+    p, finite, energy, fastest2, spin, pace2, which = packed, True, 0.0, 0.0, 0.0, 0.0, 0
     for k in range(p.floes.size):
         floe = p.floes[k]
-        speed2 = floe.u * floe.u + floe.v * floe.v
+        speed2, omega = floe.u * floe.u + floe.v * floe.v, omega_of(p.spinning, k)
         # no isfinite: with fast mathematics x − x is 0 whatever x is
         finite &= (speed2 < np.inf) & (abs(floe.x) < np.inf) & (abs(floe.y) < np.inf)
-        finite &= abs(turned(p.spinning, p.angle, k)) < np.inf
+        finite &= abs(omega + recall(p.angle, k)) < np.inf
         energy += 0.5 * p.mass[k] * speed2
+        fastest2, spin = max(fastest2, speed2), max(spin, abs(omega))
         here2 = speed2 / (floe.r * floe.r)
         if here2 > pace2:
             pace2, which = here2, k
-    return finite, energy, np.sqrt(pace2), which
+    return finite, energy, np.sqrt(fastest2), spin, np.sqrt(pace2), which
 
 
 @dispatched
-def turned(spinning, angle, k):
-    """Finite if a floe's angle and its rate are."""
-    return spinning[k].omega + angle[k]
+def omega_of(spinning, k):
+    """The angular velocity of a floe; none where floes do not turn."""
+    return spinning[k].omega
 
 
-@turned.register
-def _(spinning: None, angle, k):
+@omega_of.register
+def _(spinning: None, k):
     return 0.0
 
 
 @in_place
-def pressed(packed):
+def stock_of_each(of, motion, radius, thickness, u, v, omega, density, stock):
+    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
+    for k in range(of.size):
+        m = density * np.pi * radius[k] * radius[k] * thickness[k]
+        m = m if of[k] & ((motion[k] & LAND) == 0) else 0.0
+        turns = radius[k] * recall(omega, k)
+        stock[0, k], stock[1, k], stock[2, k] = m, m * u[k], m * v[k]
+        stock[3, k] = 0.5 * m * (u[k] * u[k] + v[k] * v[k] + 0.5 * turns * turns)  # J = m r²/2
+
+
+@in_place
+def pressed(packed, walls):
     """Of the contact forces on what is free: Σ|F|²/m [N²/kg], torques with J, and the power Σ F·u [W]."""
     p, press, power = packed, 0.0, 0.0
     for k in range(p.floes.size):
@@ -586,7 +601,8 @@ def pressed(packed):
         if p.inverse_y[k] > 0.0:
             press += p.inverse_y[k] * f.y * f.y
             power += f.y * floe.v
-    return add_twisted(p.spinning, p, press, power)
+    press, power = add_twisted(p.spinning, p, press, power)
+    return add_walls(walls, press, power)
 
 
 @dispatched
@@ -600,4 +616,19 @@ def add_twisted(spinning, p, press, power):
 
 @add_twisted.register
 def _(spinning: None, p, press, power):
+    return press, power
+
+
+@dispatched
+def add_walls(walls, press, power):
+    for w in range(walls.size):
+        wall = walls[w]
+        force = wall.force + wall.side * wall.press
+        press += wall.inverse_mass * force * force
+        power += force * wall.speed if wall.inverse_mass > 0.0 else 0.0
+    return press, power
+
+
+@add_walls.register
+def _(walls: None, press, power):
     return press, power

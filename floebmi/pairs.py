@@ -141,7 +141,7 @@ def _(period: None, d):
 
 @dispatched
 def recall(memory, p):
-    """What pair p remembers; nothing where nothing is remembered."""
+    """What pair p remembers, or floe p has; 0 where there is no such thing."""
     return memory[
         np.uintp(p)
     ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
