@@ -580,7 +580,7 @@ class Advance:
 
     def _check_overlaps(self, at: str) -> None:
         p = self.packed
-        pair, share = deepest(*self.period, p.floes, self.pairs.i, self.pairs.j)
+        pair, share = deepest(*self.period, p.floes, self.lists.near)
         if share > 1.0:
             one, other = p.number[[self.pairs.i[pair], self.pairs.j[pair]]]
             modulus = self.contact.elastic.youngs_modulus
@@ -596,8 +596,9 @@ class Advance:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
         _, rows = look(
-            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
-        )
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength,
+            self.lists.near, self.lists.pairs,
+        )  # fmt: skip
         energy = float(rows[:, -1].sum())
         floe, number = self.walls.floe, self.walls.number
         if len(floe):

@@ -636,8 +636,9 @@ class Model:
         p, pairs = now.packed, now.pairs
         law = None if self.contact is None else prepare(self.contact)
         touching, rows = look(
-            law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs
-        )
+            law, *self.domain.period, p.floes, p.friction, p.tensile_strength,
+            now.lists.near, now.lists.pairs,
+        )  # fmt: skip
         i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
         values = [column[order] for column in rows.T]

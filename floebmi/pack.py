@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.bonds import beam_of, bending_ratio, stretch
+from floebmi.columns import LANES
 from floebmi.contact import (
     Contact,
     coefficient,
@@ -475,61 +476,69 @@ class Contacts(NamedTuple):
     energy: np.ndarray
 
 
-def look(law, period_x, period_y, floes, mu, sigma, pairs):
-    """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
+def look(law, period_x, period_y, floes, mu, sigma, near, pairs):
+    """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy.
+
+    near, pairs : the short list, as steps or a look at the forces leave it; the others cannot touch
+    """
     if law is None:
         return np.empty(0, np.int64), np.empty((0, 9))
-    touching, rows = np.empty(len(pairs.i), np.int64), np.empty((len(pairs.i), 9))
-    n = _look(law, period_x, period_y, floes, mu, sigma, pairs, touching, rows)
+    room = near.counts.sum()
+    touching, rows = np.empty(room, np.int64), np.empty((room, 9))
+    n = _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows)
     return touching[:n], rows[:n]
 
 
 @in_place
-def _look(law, period_x, period_y, floes, mu, sigma, pairs, touching, rows):
+def _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows):
     m = 0
-    for p in range(pairs.i.size):
-        i, j = pairs.i[p], pairs.j[p]
-        one, other = floes[i], floes[j]
-        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
-        distance = np.sqrt(dx * dx + dy * dy)
-        nx, ny = dx / distance, dy / distance
-        gap = distance - (one.r + other.r)
-        was_bonded = recall(pairs.bonded, p)
-        if gap >= 0.0 and was_bonded <= 0.0:
-            continue
-        opening = (other.u - one.u) * nx + (other.v - one.v) * ny
-        f = pair_force(
-            law, gap, opening, 0.0, 0.0, one.r, other.r, one.h, other.h, one.w + other.w,
-            least_of(mu, coefficient(law.friction), i, j),
-            least_of(sigma, strength(law.bonds), i, j),
-            recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
-            recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
-        )  # fmt: skip
-        if gap >= 0.0 and f.bonded <= 0.0:
-            continue
-        row = rows[m]
-        row[0], row[1] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
-        row[2], row[3] = dx, dy
-        row[4], row[5] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
-        row[6], row[7] = -gap, f.bonded
-        row[8] = stored(law, f, gap, one.r, other.r, one.h, other.h)
-        touching[m] = p
-        m += 1
+    for part in range(near.counts.size):
+        first = near.parts[part] + LANES * part
+        for p in range(first, first + near.counts[part]):
+            i, j = pairs.i[p], pairs.j[p]
+            one, other = floes[i], floes[j]
+            dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+            distance = np.sqrt(dx * dx + dy * dy)
+            nx, ny = dx / distance, dy / distance
+            gap = distance - (one.r + other.r)
+            was_bonded = recall(pairs.bonded, p)
+            if gap >= 0.0 and was_bonded <= 0.0:
+                continue
+            opening = (other.u - one.u) * nx + (other.v - one.v) * ny
+            f = pair_force(
+                law, gap, opening, 0.0, 0.0, one.r, other.r, one.h, other.h, one.w + other.w,
+                least_of(mu, coefficient(law.friction), i, j),
+                least_of(sigma, strength(law.bonds), i, j),
+                recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
+                recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
+            )  # fmt: skip
+            if gap >= 0.0 and f.bonded <= 0.0:
+                continue
+            row = rows[m]
+            row[0], row[1] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
+            row[2], row[3] = dx, dy
+            row[4], row[5] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
+            row[6], row[7] = -gap, f.bonded
+            row[8] = stored(law, f, gap, one.r, other.r, one.h, other.h)
+            touching[m] = near.slot[p]
+            m += 1
     return m
 
 
 @in_place
-def deepest(period_x, period_y, floes, pair_i, pair_j):
+def deepest(period_x, period_y, floes, near):
     """The pair with the largest overlap over its smaller radius, and that share; of floes that move."""
     which, deepest_share = -1, 0.0
-    for p in range(pair_i.size):
-        one, other = floes[pair_i[p]], floes[pair_j[p]]
-        if one.w + other.w == 0.0:
-            continue
-        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
-        share = (one.r + other.r - np.sqrt(dx * dx + dy * dy)) / min(one.r, other.r)
-        if share > deepest_share:
-            which, deepest_share = p, share
+    for part in range(near.counts.size):
+        first = near.parts[part] + LANES * part
+        for p in range(first, first + near.counts[part]):
+            one, other = floes[near.i[p]], floes[near.j[p]]
+            if one.w + other.w == 0.0:
+                continue
+            dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+            share = (one.r + other.r - np.sqrt(dx * dx + dy * dy)) / min(one.r, other.r)
+            if share > deepest_share:
+                which, deepest_share = near.slot[p], share
     return which, deepest_share
 
 

@@ -194,13 +194,12 @@ def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
 
 @in_place
 def settle(near, first_part, last_part):
-    """Back into the list what pairs of the short list remember; it is empty then."""
+    """Back into the list what pairs of the short list remember."""
     for part in range(first_part, last_part):
         first = near.parts[part] + LANES * part
         for row in range(near.block.shape[0]):
             for q in range(first, first + near.counts[part]):
                 near.list_block[row, near.slot[q]] = near.block[row, q]
-        near.counts[part] = 0
 
 
 # ---- forces -------------------------------------------------------------------------------------------
