@@ -63,7 +63,7 @@ from floebmi.pack import (
     unpack,
     widest_gap,
 )
-from floebmi.pairs import near_of, room_for_blows
+from floebmi.pairs import emptied, near_of, room_for_blows
 from floebmi.threads import verlet as verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
@@ -197,9 +197,9 @@ class Advance:
         else:
             self.packed = pack_again(kept.packed, self.floes, *here, self.state.previous)
         self.list_x, self.list_y, self.list_walls = kept.x, kept.y, kept.walls
-        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.tiles
+        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.lists.tiles
         self.pairs = pairs.copy()
-        self._room_for_near()
+        self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
         self._meet_walls(kept.wall_floe, kept.wall_number)
         self.fresh = False
         self.room, self._stiffest = kept.room, kept.stiffest
@@ -241,16 +241,12 @@ class Advance:
         self.pairs, self.tiles = list_pairs(
             at, self.contact, self.period, self.skin, old.pairs, old.number, place
         )
-        self._room_for_near()
-        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
-        self._meet_walls(*self._near_walls(at, walls))
-
-    def _room_for_near(self) -> None:
-        """A short list, empty as yet."""
         self.lists = Lists(
             *near_of(self.pairs, self.tiles.parts), self.tiles, room_for_blows(self.tiles.parts),
-            widest_gap(self.packed, self.contact), NEAR * self.closing,
+            widest_gap(at, self.contact), NEAR * self.closing,
         )  # fmt: skip
+        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
+        self._meet_walls(*self._near_walls(at, walls))
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
@@ -260,7 +256,7 @@ class Advance:
         """Leave the list to the next exchange, with what its pairs remember; nothing may change them now."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
-            self.list_x, self.list_y, self.list_walls, self.tiles, self.walls.floe, self.walls.number,
+            self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
             self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
             self.packed,
         )  # fmt: skip
@@ -430,7 +426,9 @@ class Advance:
             (floes.x, domain.x, self.period[0]),
             (floes.y, domain.y, self.period[1]),
         ):
-            if period is not None:
+            if period is None or not len(place):
+                continue
+            if place.min() < low or place.max() >= low + period:  # in few exchanges somebody is
                 place -= period * np.floor((place - low) / period)
 
     def _leaving(self) -> np.ndarray:

@@ -94,11 +94,15 @@ def give_back(
     start, cell, amount, over : see `sampling.Weights`
     impulse_x, impulse_y : of each floe [N s], for the rows of the weights
     last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
+    Returns what finds no cell, x and y [N s].
     """
     for c in range(last_x.size):
         last_x[c] = last_y[c] = 0.0
+    lost_x = lost_y = 0.0
     for k in range(start.size - 1):
         x, y = over[k] * impulse_x[k], over[k] * impulse_y[k]
+        lost_x -= impulse_x[k] if over[k] == 0.0 else 0.0
+        lost_y -= impulse_y[k] if over[k] == 0.0 else 0.0
         for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
             c = np.uintp(cell[e])  # unsigned: no wrap-around of negative indices
             last_x[c] -= amount[e] * x
@@ -106,6 +110,14 @@ def give_back(
     for c in range(last_x.size):
         total_x[c] += last_x[c]
         total_y[c] += last_y[c]
+    return lost_x, lost_y
+
+
+@in_place
+def per_area(amount, over, cell_area, out):
+    """Fill out with the amount in each cell, times a number, per its area."""
+    for c in range(amount.size):
+        out[c] = amount[c] * (over / cell_area[c])
 
 
 @in_place

@@ -57,6 +57,7 @@ from floebmi.gridding import (
     give_back,
     internal_stress,
     maximum_shear,
+    per_area,
     pressure,
     sizes_of_drag,
 )
@@ -571,14 +572,11 @@ class Model:
                 continue
             fluid = self._fluid_of(force)
             w = weights[id(fluid.grid)]
-            give_back(
+            fluid.undelivered += give_back(
                 *w[:-1], at[X], at[Y], fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y
             )  # fmt: skip
             if isinstance(force, OceanDrag):
                 fluid._given = w, at, self._state.kept.floes, self.ice_density
-            lost = np.flatnonzero(without_cell(w))
-            if len(lost):
-                fluid.undelivered -= at[: Y + 1, lost].sum(axis=1)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""
@@ -696,6 +694,11 @@ class Model:
         over = 1.0 / self._last_duration if self._last_duration else 0.0
         fields: dict[str, np.ndarray] = {}
 
+        def per_area_of(grid: Grid, name: str, amount: np.ndarray, over: float) -> None:
+            if out is None or name in out:
+                fields[name] = np.empty(grid.size) if out is None else out[name]
+                per_area(amount, over, grid.area, fields[name])
+
         def product(name: str, one: np.ndarray, other: np.ndarray | float) -> None:
             if out is None:
                 fields[name] = one * other
@@ -709,10 +712,8 @@ class Model:
                 (f"{what}_stress", fluid.last_x, fluid.last_y, over),
                 (f"{what}_impulse", fluid.impulse_x, fluid.impulse_y, 1.0),
             ):
-                if out is None or name + "_x" in out or name + "_y" in out:
-                    per_area = (sign * time) / fluid.grid.area
-                    product(name + "_x", x, per_area)
-                    product(name + "_y", y, per_area)
+                per_area_of(fluid.grid, name + "_x", x, sign * time)
+                per_area_of(fluid.grid, name + "_y", y, sign * time)
         if self.ocean is not None:
             if out is None or any(name in out for name in PER_ICE_AREA):
                 areas = self.coverage()

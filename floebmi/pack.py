@@ -83,8 +83,16 @@ def places(
 
     remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
     """
-    x, y = floes.x[number] - origin[0], floes.y[number] - origin[1]
+    x, y = np.empty((2, len(number)))
+    _from_origin(floes.x, floes.y, number, *origin, x, y)
     return (x, y) if remainder is None else (x + remainder[number, 0], y + remainder[number, 1])
+
+
+@in_place
+def _from_origin(x, y, number, origin_x, origin_y, here_x, here_y):
+    for k in range(number.size):
+        floe = np.uintp(number[k])
+        here_x[k], here_y[k] = x[floe] - origin_x, y[floe] - origin_y
 
 
 def in_space(

@@ -117,6 +117,11 @@ def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
     )
 
 
+def emptied(near: Near, pairs: PairList) -> Near:
+    """The same room, empty, for a short list of the same pairs with another memory."""
+    return near._replace(list_block=pairs.block, counts=np.zeros_like(near.counts))
+
+
 def room_for_blows(parts: np.ndarray) -> np.ndarray:
     """Room for the blows of two parts, each with as many pairs as any has."""
     return np.empty((2, np.diff(parts).max(initial=0)), BLOW)

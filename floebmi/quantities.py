@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from floebmi.errors import InputError
+from floebmi.kernels import in_place
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
@@ -82,4 +83,12 @@ def _parts(hint: object) -> Iterator[object]:
 
 def all_finite(values: np.ndarray) -> bool:
     """Whether every number is finite."""
-    return bool(np.isfinite(values).all())
+    return _all_finite(np.ascontiguousarray(values, np.float64).reshape(-1))
+
+
+@in_place
+def _all_finite(values):
+    finite = True
+    for k in range(values.size):
+        finite &= abs(values[k]) < np.inf
+    return finite

@@ -293,7 +293,7 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
             raise InputError(f"period = {period}: must be (Lx, Ly), each a length [m] or None")
         sides[axis] = extent if length is None else length
     # By area, since the seam of a curvilinear or unstructured grid need not be straight.
-    if period != (None, None) and grid.area.sum() > sides[0] * sides[1] * (1 + 1e-9):
+    if period != (None, None) and grid.total_area > sides[0] * sides[1] * (1 + 1e-9):
         raise InputError(
             f"period = {period} is shorter than the grid ({east - west:g} × {north - south:g} m):"
             " a floe would be seen by two cells at one place"
