@@ -33,12 +33,9 @@ from floebmi.floes import Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     Force,
-    add_booked,
     add_fastest_rate,
-    at_floes,
-    by_block,
+    in_order,
     speed_bound,
-    without_fluid,
 )
 from floebmi.kept import Kept, Marks, Memory
 from floebmi.kernels import BLOCK
@@ -149,7 +146,6 @@ class Advance:
         forces: tuple[Force, ...],
         step: Step,
         density: float,
-        draft_fraction: float,
         threads: int,
     ) -> None:
         self.threads = threads
@@ -159,7 +155,7 @@ class Advance:
         if len(state.walls) and contact is not None:
             self.wall_law = self.contact._replace(friction=None, bonds=None, failure=None)
         self.forces = forces
-        self.density, self.draft_fraction = density, draft_fraction
+        self.density = density
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
         self.still = bool(len(state.walls)) or None in self.period
@@ -277,7 +273,6 @@ class Advance:
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.here = tuple(by_block(at, self.packed.number) for at in self.at)
         self.before = Survey(*survey(self.packed))
         self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
@@ -288,9 +283,9 @@ class Advance:
         n = len(p.number)
         if not self.forces or not n or self.step.scheme != "verlet":
             return np.zeros(n // BLOCK + 1)
-        speed = speed_bound(self.forces, self.here, self.before.speed)
-        rate = np.zeros((len(self.here[0]), BLOCK))
-        for force, at in zip(self.forces, self.here, strict=True):
+        speed = speed_bound(self.forces, self.at, self.before.speed)
+        rate = np.zeros((len(self.at[0]), BLOCK))
+        for force, at in zip(self.forces, self.at, strict=True):
             add_fastest_rate(force, at, speed, self.before.spin, rate)
         rate = rate.reshape(-1)
         rate[n:] = 0.0
@@ -355,14 +350,9 @@ class Advance:
         self.constraint += books.held.sum(axis=0)
         self.losses += books.lost.sum(axis=0)
 
-    def _unpack(self) -> None:
-        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
-        for at, here in zip(self.at, self.here, strict=True):
-            add_booked(at, self.packed.number, here)
-
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
-        self._unpack()
+        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         self._wrap()
         self._keep()
         self._book()
@@ -372,7 +362,6 @@ class Advance:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         leaving, new = self._come_and_go()
         if len(leaving) or len(new) or not self._stray_on():
-            self._unpack()
             self._wrap()
             self._list_with(leaving, new)
 
@@ -387,10 +376,11 @@ class Advance:
         """List anew without floes that have left, and with new ones."""
         elastic = self.kept_energy() if len(leaving) else 0.0
         if len(new):
-            self._grow(len(new))
+            self.state.fit(len(self.floes))
             draw_own(self.floes, self.contact, self.state.rng)
         self._list_anew(self.memory())
         self._touch()
+        self._reorder()
         self._begin()
         if len(leaving):
             self._change_anew()
@@ -400,6 +390,14 @@ class Advance:
         if len(new):
             stock = floe_stock(self.floes, self._among(new), self.density)
             self.state.ledger.book("inflow", *stock)
+
+    def _reorder(self) -> None:
+        """The tables of the forces follow the floes into another order; those who have left come last."""
+        place = np.full(len(self.floes), -1)
+        place[self.order] = np.arange(len(self.order))
+        left = np.setdiff1d(self.order, self.packed.number)
+        self.order = np.concatenate([self.packed.number, left])
+        self.at = tuple(in_order(at, place[self.order]) for at in self.at)
 
     def _among(self, number: np.ndarray) -> np.ndarray:
         """Which floes are those of these numbers, (n,) bool."""
@@ -447,19 +445,6 @@ class Advance:
                 gone |= place > high
         return np.flatnonzero(gone & floes.active & ~floes.land)
 
-    def _grow(self, count: int) -> None:
-        """Room for new floes in what is kept per floe outside of `Floes`."""
-        self.state.fit(len(self.floes))
-        new = slice(len(self.floes) - count, None)
-        radius, thickness = self.floes.radius[new], self.floes.thickness[new]
-        for k, force in enumerate(self.forces):
-            more = at_floes(
-                force, radius, thickness, self.draft_fraction * thickness, self.density,
-                self.floes.rotation, self.floes.land[new],
-            )  # fmt: skip
-            # fluids are read once an exchange: a floe that comes in between meets them at the next
-            self.at[k] = np.concatenate([self.at[k], without_fluid(more)], axis=1)
-
     # ---- stepping ----------------------------------------------------------------------------------
 
     def longest_step(self) -> float:
@@ -471,11 +456,13 @@ class Advance:
         return stable_step(self.stiffest, self.step)
 
     def run(self, duration: float, at: Sequence[np.ndarray], time: float) -> None:
-        """Advance by `duration` seconds from `time`, exactly; `at`: what each force needs at the floes.
+        """Advance by `duration` seconds from `time`, exactly.
 
+        at : table of each force, by block of the packed floes; what it gives to them is booked in there, or in those
+            that `at` and `order` are then, if floes were listed anew
         The floes must be as they were when `look` looked; a second run needs another look.
         """
-        self.at, self.time = list(at), time
+        self.at, self.order, self.time = tuple(at), self.packed.number, time
         self._begin()
         leaving, new = self._come_and_go()
         if len(leaving) or len(new):
@@ -524,7 +511,7 @@ class Advance:
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
-        floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
+        floes = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
         way = self.travelled, self._reach()
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *way, self.buffers)

@@ -48,7 +48,8 @@ from floebmi.forces import (
     Y,
     at_floes,
     bulk_coefficient,
-    unused,
+    by_block,
+    lanes,
 )
 from floebmi.grid import Grid
 from floebmi.gridding import (
@@ -62,6 +63,7 @@ from floebmi.gridding import (
     sizes_of_drag,
 )
 from floebmi.kept import Kept, Marks, Memory, marks
+from floebmi.kernels import BLOCK
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
@@ -135,12 +137,12 @@ class Fluid:
     def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Magnitude and coefficient, found once somebody asks: few hosts do."""
         if self._given is not None:
-            w, at, floes, density = self._given
+            w, number, at, floes, density = self._given
             mass = np.where(floes.active, floes.mass(density), 0.0)
+            of_each = (lanes(at, name) for name in (X, Y, FLUID_U, FLUID_V, RATE))
             sizes_of_drag(
-                *w[:-1], at[X], at[Y], at[FLUID_U], at[FLUID_V], floes.u, floes.v, at[RATE], mass,
-                self.grid.area, *self._sizes,
-            )  # fmt: skip
+                *w[:-1], number, *of_each, floes.u, floes.v, mass, self.grid.area, *self._sizes
+            )
             self._given = None
         return self._sizes
 
@@ -265,7 +267,8 @@ class Model:
         self._warned_of_lag = False
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
-        self._at = self._tables = self._allocate()
+        self._tables = self._allocate()  # of the forces at all floes
+        self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
@@ -382,7 +385,7 @@ class Model:
     def _advance(self) -> Advance:
         return Advance(
             self.floes, self._state, self.domain, self.contact, self.forces, self.step,
-            self.ice_density, self.draft_fraction, self.threads,
+            self.ice_density, self.threads,
         )  # fmt: skip
 
     def advance(self, duration: float) -> None:
@@ -408,17 +411,18 @@ class Model:
         if seen is not self._left:
             self.floes.check()
             self._tables = self._allocate()
-        self._at = tuple(map(unused, self._tables))
-        weights = self._sample(seen)
         known = len(self.floes)
         advance = self._now(seen)
+        order = advance.packed.number
+        self._at = tuple(by_block(table, order) for table in self._tables)
+        weights = self._sample(seen, order)
         before = self._state.copy()
         if seen is not self._left:
             self._book_edits(advance)
         seen.list = None  # the steps use it up, even if they fail
         try:
             advance.run(duration, self._at, self.time)
-            self._at = tuple(advance.at)
+            self._at = advance.at
             self._book_forces()
             self._state.ledger.now = advance.stock()
             self._check_energy(self.time + duration)
@@ -426,7 +430,7 @@ class Model:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        self._give_back(weights)
+        self._give_back(weights, advance.order)
         if len(self.floes) != known:
             self._tables = self._allocate()
         self._left = self._seen = _Seen(self._state.kept.floes)
@@ -521,10 +525,12 @@ class Model:
                 )
         return weights[id(grid)]
 
-    def _sample(self, seen: _Seen) -> dict[int, Weights]:
+    def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
-        nowhere: dict[int, np.ndarray] = {}  # floes that find no wet cell
+        nowhere: dict[
+            int, tuple[np.ndarray, ...]
+        ] = {}  # block and lane of floes that find no wet cell
         # field and where it goes
         reads: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
@@ -534,23 +540,22 @@ class Model:
             grid = id(fluid.grid)
             if grid not in weights:
                 weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
-                nowhere[grid] = np.flatnonzero(without_cell(weights[grid]))
+                dry = np.flatnonzero(without_cell(weights[grid])[order])
+                nowhere[grid] = np.divmod(dry, BLOCK)
             if isinstance(force, CoriolisField):
-                reads[grid] += [(fluid.coriolis, at[PARAMETER])]
+                reads[grid] += [(fluid.coriolis, lanes(at, PARAMETER))]
                 continue
             if isinstance(force, Tilt):
-                reads[grid] += [(fluid.tilt_x, at[FLUID_U]), (fluid.tilt_y, at[FLUID_V])]
+                slopes = fluid.tilt_x, fluid.tilt_y
+                reads[grid] += zip(slopes, (lanes(at, FLUID_U), lanes(at, FLUID_V)), strict=True)
                 continue
-            reads[grid] += [(fluid.u, at[FLUID_U]), (fluid.v, at[FLUID_V])]
-            at[RATE, nowhere[grid]] = 0.0  # no water, no drag
-            if len(at) > SPIN_RATE:
-                reads[grid] += [(fluid.vorticity(), at[HALF_CURL])]
-                at[SPIN_RATE, nowhere[grid]] = 0.0
+            reads[grid] += [(fluid.u, lanes(at, FLUID_U)), (fluid.v, lanes(at, FLUID_V))]
+            lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
+            if self.floes.rotation:
+                reads[grid] += [(0.5 * fluid.vorticity(), lanes(at, HALF_CURL))]
+                lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
         for grid, each in reads.items():
-            gather_each(weights[grid], *zip(*each, strict=True))
-        for at in self._at:
-            if len(at) > SPIN_RATE:
-                at[HALF_CURL] *= 0.5
+            gather_each(weights[grid], order, *zip(*each, strict=True))
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -562,10 +567,10 @@ class Model:
         """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            x, y, work = at[: WORK + 1].sum(axis=1)
+            x, y, work = (lanes(at, row).sum() for row in (X, Y, WORK))
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
-    def _give_back(self, weights: dict[int, Weights]) -> None:
+    def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
         """The fluids get the opposite of the impulse that their drag gave."""
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
@@ -573,10 +578,11 @@ class Model:
             fluid = self._fluid_of(force)
             w = weights[id(fluid.grid)]
             fluid.undelivered += give_back(
-                *w[:-1], at[X], at[Y], fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y
+                *w[:-1], order, lanes(at, X), lanes(at, Y),
+                fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y,
             )  # fmt: skip
             if isinstance(force, OceanDrag):
-                fluid._given = w, at, self._state.kept.floes, self.ice_density
+                fluid._given = w, order, at, self._state.kept.floes, self.ice_density
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""

@@ -76,9 +76,10 @@ class PairList(NamedTuple):
 
     def copy(self) -> "PairList":
         """The same pairs with a memory of their own, of what lasts beyond the list."""
-        memory, block = remembering(self.memories(), len(self.i))
-        for name, values in self.memory().items():
-            memory[name][:] = values
+        block = self.block.copy()
+        memory = dict(zip(self.memories(), block, strict=True))
+        if self.damped is not None:
+            memory["damped"][:] = 0.0
         return self._replace(**memory, block=block)
 
     def memory(self) -> dict[str, np.ndarray]:
