@@ -656,6 +656,5 @@ def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
     f, stock = floes, np.empty((4, len(floes)))
     columns = f.motion, f.radius, f.thickness, f.u, f.v, f.angular_velocity
     stock_of_each(of, *columns, density, stock)
-    return stock.sum(
-        axis=1
-    )  # not summed in the kernel: momenta of opposite sign cancel to the last bit
+    # not summed in the kernel, which would round sums alone: opposite momenta cancel to the last bit
+    return stock.sum(axis=1)

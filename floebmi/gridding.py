@@ -86,38 +86,40 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
 
 
 @in_place
-def give_back(
-    start, cell, amount, over, number, impulse_x, impulse_y, last_x, last_y, total_x, total_y,
-):  # fmt: skip
-    """Share out what a fluid gave to the floes, by the weights it was read with, and turn its sign.
+def give_back(start, cell, amount, over, number, fluids):
+    """Share out what fluids gave to the floes, by the weights they were read with, and turn its sign.
 
     start, cell, amount, over : see `sampling.Weights`
-    impulse_x, impulse_y : of floes of these numbers [N s], (blocks, BLOCK); who came in since has no weights
-    last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
-    Returns what finds no cell, x and y [N s].
+    fluids : for each a tuple of impulse_x, impulse_y of the floes of these numbers [N s], (blocks, BLOCK);
+        last_x, last_y, filled with the fluid's impulse in each cell [N s]; total_x, total_y, to which that is added;
+        and lost (2,), to which that is added which finds no cell.  Who came in since has no weights.
     """
-    for c in range(last_x.size):
-        last_x[c] = last_y[c] = 0.0
-    lost_x = lost_y = 0.0
+    for q in range(len(fluids)):
+        _, _, last_x, last_y, _, _, _ = fluids[q]
+        for c in range(last_x.size):
+            last_x[c] = last_y[c] = 0.0
     for k in range(number.size):
         floe, block, lane = np.uintp(number[k]), np.uintp(k // BLOCK), np.uintp(k % BLOCK)
         if floe >= over.size:
             continue
-        x, y = impulse_x[block, lane], impulse_y[block, lane]
-        if over[floe] == 0.0:
-            lost_x -= x
-            lost_y -= y
-        x *= over[floe]
-        y *= over[floe]
-        # unsigned: no wrap-around of negative indices
-        for e in range(np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])):
-            c = np.uintp(cell[e])
-            last_x[c] -= amount[e] * x
-            last_y[c] -= amount[e] * y
-    for c in range(last_x.size):
-        total_x[c] += last_x[c]
-        total_y[c] += last_y[c]
-    return lost_x, lost_y
+        first, last = np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])
+        for q in range(len(fluids)):
+            impulse_x, impulse_y, last_x, last_y, _, _, lost = fluids[q]
+            x, y = impulse_x[block, lane], impulse_y[block, lane]
+            if first == last:
+                lost[0] -= x
+                lost[1] -= y
+            x *= over[floe]
+            y *= over[floe]
+            for e in range(first, last):
+                c = np.uintp(cell[e])  # unsigned: no wrap-around of negative indices
+                last_x[c] -= amount[e] * x
+                last_y[c] -= amount[e] * y
+    for q in range(len(fluids)):
+        _, _, last_x, last_y, total_x, total_y, _ = fluids[q]
+        for c in range(last_x.size):
+            total_x[c] += last_x[c]
+            total_y[c] += last_y[c]
 
 
 @in_place

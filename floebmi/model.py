@@ -22,6 +22,7 @@ import numpy as np
 
 from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
+from floebmi.arrays import all_finite
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
@@ -67,7 +68,7 @@ from floebmi.kernels import BLOCK
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
-from floebmi.quantities import all_finite, check, words
+from floebmi.quantities import check, words
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -528,9 +529,7 @@ class Model:
     def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
-        nowhere: dict[
-            int, tuple[np.ndarray, ...]
-        ] = {}  # block and lane of floes that find no wet cell
+        nowhere: dict[int, tuple[np.ndarray, ...]] = {}  # block, lane of floes without a wet cell
         # field and where it goes
         reads: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
@@ -552,10 +551,13 @@ class Model:
             reads[grid] += [(fluid.u, lanes(at, FLUID_U)), (fluid.v, lanes(at, FLUID_V))]
             lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
             if self.floes.rotation:
-                reads[grid] += [(0.5 * fluid.vorticity(), lanes(at, HALF_CURL))]
+                reads[grid] += [(fluid.vorticity(), lanes(at, HALF_CURL))]
                 lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
         for grid, each in reads.items():
             gather_each(weights[grid], order, *zip(*each, strict=True))
+        for force, at in zip(self.forces, self._at, strict=True):
+            if self.floes.rotation and isinstance(force, OceanDrag | AirDrag):
+                lanes(at, HALF_CURL)[:] *= 0.5
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -567,22 +569,23 @@ class Model:
         """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            x, y, work = (lanes(at, row).sum() for row in (X, Y, WORK))
+            x, y, work = at[:, : (WORK + 1) * BLOCK].sum(axis=0).reshape(-1, BLOCK).sum(axis=1)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
     def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
         """The fluids get the opposite of the impulse that their drag gave."""
+        gifts: dict[int, list[tuple[np.ndarray, ...]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
-            fluid = self._fluid_of(force)
-            w = weights[id(fluid.grid)]
-            fluid.undelivered += give_back(
-                *w[:-1], order, lanes(at, X), lanes(at, Y),
-                fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y,
-            )  # fmt: skip
+            f = self._fluid_of(force)
+            gifts.setdefault(id(f.grid), []).append((
+                lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
+            ))  # fmt: skip
             if isinstance(force, OceanDrag):
-                fluid._given = w, order, at, self._state.kept.floes, self.ice_density
+                f._given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
+        for grid, fluids in gifts.items():
+            give_back(*weights[grid][:-1], order, tuple(fluids))
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""

@@ -6,11 +6,9 @@ import operator
 from collections.abc import Iterable, Iterator
 from typing import Annotated, get_args, get_type_hints
 
-import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from floebmi.errors import InputError
-from floebmi.kernels import in_place
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
@@ -79,16 +77,3 @@ def _parts(hint: object) -> Iterator[object]:
     yield from getattr(hint, "__metadata__", ())
     for inner in get_args(hint):
         yield from _parts(inner)
-
-
-def all_finite(values: np.ndarray) -> bool:
-    """Whether every number is finite."""
-    return _all_finite(np.ascontiguousarray(values, np.float64).reshape(-1))
-
-
-@in_place
-def _all_finite(values):
-    finite = True
-    for k in range(values.size):
-        finite &= abs(values[k]) < np.inf
-    return finite

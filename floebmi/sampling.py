@@ -25,11 +25,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from floebmi.arrays import all_finite
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
 from floebmi.grid import Bins, Grid, bin_of, column
 from floebmi.kernels import BLOCK, dispatched, in_place, jit
-from floebmi.quantities import all_finite
 
 Period = tuple[float | None, float | None]
 
