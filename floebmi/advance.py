@@ -33,12 +33,9 @@ from floebmi.floes import Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     Force,
-    add_booked,
     add_fastest_rate,
-    at_floes,
-    by_block,
+    in_order,
     speed_bound,
-    without_fluid,
 )
 from floebmi.kept import Kept, Marks, Memory
 from floebmi.kernels import BLOCK
@@ -58,11 +55,12 @@ from floebmi.pack import (
     reach,
     stable_step,
     stiffest,
+    stock_of_each,
     survey,
     unpack,
     widest_gap,
 )
-from floebmi.pairs import near_of, room_for_blows
+from floebmi.pairs import emptied, near_of, room_for_blows
 from floebmi.threads import verlet as verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
@@ -148,7 +146,6 @@ class Advance:
         forces: tuple[Force, ...],
         step: Step,
         density: float,
-        draft_fraction: float,
         threads: int,
     ) -> None:
         self.threads = threads
@@ -158,7 +155,7 @@ class Advance:
         if len(state.walls) and contact is not None:
             self.wall_law = self.contact._replace(friction=None, bonds=None, failure=None)
         self.forces = forces
-        self.density, self.draft_fraction = density, draft_fraction
+        self.density = density
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
         self.still = bool(len(state.walls)) or None in self.period
@@ -196,9 +193,9 @@ class Advance:
         else:
             self.packed = pack_again(kept.packed, self.floes, *here, self.state.previous)
         self.list_x, self.list_y, self.list_walls = kept.x, kept.y, kept.walls
-        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.tiles
+        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.lists.tiles
         self.pairs = pairs.copy()
-        self._room_for_near()
+        self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
         self._meet_walls(kept.wall_floe, kept.wall_number)
         self.fresh = False
         self.room, self._stiffest = kept.room, kept.stiffest
@@ -240,16 +237,12 @@ class Advance:
         self.pairs, self.tiles = list_pairs(
             at, self.contact, self.period, self.skin, old.pairs, old.number, place
         )
-        self._room_for_near()
-        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
-        self._meet_walls(*self._near_walls(at, walls))
-
-    def _room_for_near(self) -> None:
-        """A short list, empty as yet."""
         self.lists = Lists(
             *near_of(self.pairs, self.tiles.parts), self.tiles, room_for_blows(self.tiles.parts),
-            widest_gap(self.packed, self.contact), NEAR * self.closing,
+            widest_gap(at, self.contact), NEAR * self.closing,
         )  # fmt: skip
+        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
+        self._meet_walls(*self._near_walls(at, walls))
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
@@ -259,7 +252,7 @@ class Advance:
         """Leave the list to the next exchange, with what its pairs remember; nothing may change them now."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
-            self.list_x, self.list_y, self.list_walls, self.tiles, self.walls.floe, self.walls.number,
+            self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
             self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
             self.packed,
         )  # fmt: skip
@@ -280,11 +273,10 @@ class Advance:
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.here = tuple(by_block(at, self.packed.number) for at in self.at)
-        self.rate = self._rate_of_forces()
-        self.state.counters.rebuilds += self.fresh
         self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
+        self.rate = self._rate_of_forces()
+        self.state.counters.rebuilds += self.fresh
 
     def _rate_of_forces(self) -> np.ndarray:
         """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
@@ -292,12 +284,10 @@ class Advance:
         n = len(p.number)
         if not self.forces or not n or self.step.scheme != "verlet":
             return np.zeros(n // BLOCK + 1)
-        u, v = p.floes["u"], p.floes["v"]
-        spin = 0.0 if p.spinning is None else float(np.abs(p.spinning["omega"]).max())
-        speed = speed_bound(self.forces, self.here, math.sqrt((u * u + v * v).max()))
-        rate = np.zeros((len(self.here[0]), BLOCK))
-        for force, at in zip(self.forces, self.here, strict=True):
-            add_fastest_rate(force, at, speed, spin, rate)
+        speed = speed_bound(self.forces, self.at, self.before.speed)
+        rate = np.zeros((len(self.at[0]), BLOCK))
+        for force, at in zip(self.forces, self.at, strict=True):
+            add_fastest_rate(force, at, speed, self.before.spin, rate)
         rate = rate.reshape(-1)
         rate[n:] = 0.0
         if len(p.held):
@@ -361,14 +351,9 @@ class Advance:
         self.constraint += books.held.sum(axis=0)
         self.losses += books.lost.sum(axis=0)
 
-    def _unpack(self) -> None:
-        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
-        for at, here in zip(self.at, self.here, strict=True):
-            add_booked(at, self.packed.number, here)
-
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
-        self._unpack()
+        unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         self._wrap()
         self._keep()
         self._book()
@@ -378,7 +363,6 @@ class Advance:
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         leaving, new = self._come_and_go()
         if len(leaving) or len(new) or not self._stray_on():
-            self._unpack()
             self._wrap()
             self._list_with(leaving, new)
 
@@ -393,10 +377,11 @@ class Advance:
         """List anew without floes that have left, and with new ones."""
         elastic = self.kept_energy() if len(leaving) else 0.0
         if len(new):
-            self._grow(len(new))
+            self.state.fit(len(self.floes))
             draw_own(self.floes, self.contact, self.state.rng)
         self._list_anew(self.memory())
         self._touch()
+        self._reorder()
         self._begin()
         if len(leaving):
             self._change_anew()
@@ -406,6 +391,14 @@ class Advance:
         if len(new):
             stock = floe_stock(self.floes, self._among(new), self.density)
             self.state.ledger.book("inflow", *stock)
+
+    def _reorder(self) -> None:
+        """The tables of the forces follow the floes into another order; those who have left come last."""
+        place = np.full(len(self.floes), -1)
+        place[self.order] = np.arange(len(self.order))
+        left = np.setdiff1d(self.order, self.packed.number)
+        self.order = np.concatenate([self.packed.number, left])
+        self.at = tuple(in_order(at, place[self.order]) for at in self.at)
 
     def _among(self, number: np.ndarray) -> np.ndarray:
         """Which floes are those of these numbers, (n,) bool."""
@@ -432,7 +425,9 @@ class Advance:
             (floes.x, domain.x, self.period[0]),
             (floes.y, domain.y, self.period[1]),
         ):
-            if period is not None:
+            if period is None or not len(place):
+                continue
+            if place.min() < low or place.max() >= low + period:  # in few exchanges somebody is
                 place -= period * np.floor((place - low) / period)
 
     def _leaving(self) -> np.ndarray:
@@ -451,19 +446,6 @@ class Advance:
                 gone |= place > high
         return np.flatnonzero(gone & floes.active & ~floes.land)
 
-    def _grow(self, count: int) -> None:
-        """Room for new floes in what is kept per floe outside of `Floes`."""
-        self.state.fit(len(self.floes))
-        new = slice(len(self.floes) - count, None)
-        radius, thickness = self.floes.radius[new], self.floes.thickness[new]
-        for k, force in enumerate(self.forces):
-            more = at_floes(
-                force, radius, thickness, self.draft_fraction * thickness, self.density,
-                self.floes.rotation, self.floes.land[new],
-            )  # fmt: skip
-            # fluids are read once an exchange: a floe that comes in between meets them at the next
-            self.at[k] = np.concatenate([self.at[k], without_fluid(more)], axis=1)
-
     # ---- stepping ----------------------------------------------------------------------------------
 
     def longest_step(self) -> float:
@@ -475,11 +457,13 @@ class Advance:
         return stable_step(self.stiffest, self.step)
 
     def run(self, duration: float, at: Sequence[np.ndarray], time: float) -> None:
-        """Advance by `duration` seconds from `time`, exactly; `at`: what each force needs at the floes.
+        """Advance by `duration` seconds from `time`, exactly.
 
+        at : table of each force, by block of the packed floes; what it gives to them is booked in there, or in those
+            that `at` and `order` are then, if floes were listed anew
         The floes must be as they were when `look` looked; a second run needs another look.
         """
-        self.at, self.time = list(at), time
+        self.at, self.order, self.time = tuple(at), self.packed.number, time
         self._begin()
         leaving, new = self._come_and_go()
         if len(leaving) or len(new):
@@ -528,7 +512,7 @@ class Advance:
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
-        floes = self._laws(), self.forces, self.here, self.packed, self.lists, self.walls, books
+        floes = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
         way = self.travelled, self._reach()
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *way, self.buffers)
@@ -582,7 +566,7 @@ class Advance:
 
     def _check_overlaps(self, at: str) -> None:
         p = self.packed
-        pair, share = deepest(*self.period, p.floes, self.pairs.i, self.pairs.j)
+        pair, share = deepest(*self.period, p.floes, self.lists.near)
         if share > 1.0:
             one, other = p.number[[self.pairs.i[pair], self.pairs.j[pair]]]
             modulus = self.contact.elastic.youngs_modulus
@@ -598,8 +582,9 @@ class Advance:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
         _, rows = look(
-            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, self.pairs
-        )
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength,
+            self.lists.near, self.lists.pairs,
+        )  # fmt: skip
         energy = float(rows[:, -1].sum())
         floe, number = self.walls.floe, self.walls.number
         if len(floe):
@@ -619,19 +604,17 @@ class Advance:
         keeps = self.step.scheme == "verlet" and self.contact is not None
         if not keeps or self.contact.dashpot is not None:
             return 0.0, 0.0
-        walls = self.state.walls
-        force, inverse = walls["force"] + walls["side"] * walls["press"], walls["inverse_mass"]
-        press, power = pressed(self.packed)
-        power += float(force[inverse > 0.0] @ walls["speed"][inverse > 0.0])
-        return press + float(force**2 @ inverse), power
+        return pressed(self.packed, self.walls.walls)
 
     def _first_kick(self, dt: float) -> float:
         """The first half kick [s] of steps of dt: as a run begins, so much longer that it has all its energy.
 
         (eq. first-kick); steps of a given length stay as they are.
         """
+        if self.state.counters.steps or self.step.length is not None:
+            return 0.5 * dt
         press, power = self._press()
-        if press == 0.0 or self.state.counters.steps or self.step.length is not None:
+        if press == 0.0:
             return 0.5 * dt
         left = power**2 + 0.25 * (press * dt) ** 2
         return 0.5 * dt + (math.copysign(math.sqrt(left), power) - power) / press
@@ -671,8 +654,8 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
 
 def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
     """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
-    mass = np.where(of & ~floes.land, floes.mass(density), 0.0)
-    energy = 0.5 * (mass * (floes.u**2 + floes.v**2)).sum()
-    if floes.rotation:
-        energy += 0.25 * (mass * (floes.radius * floes.angular_velocity) ** 2).sum()  # J = m r²/2
-    return np.array([mass.sum(), (mass * floes.u).sum(), (mass * floes.v).sum(), energy])
+    f, stock = floes, np.empty((4, len(floes)))
+    columns = f.motion, f.radius, f.thickness, f.u, f.v, f.angular_velocity
+    stock_of_each(of, *columns, density, stock)
+    # not summed in the kernel, which would round sums alone: opposite momenta cancel to the last bit
+    return stock.sum(axis=1)

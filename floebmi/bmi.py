@@ -45,7 +45,6 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
-from floebmi.quantities import all_finite
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -644,6 +643,8 @@ class FloeBmi(Bmi):
         self._now("set_value_at_indices").taken_over(row)
 
     def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray | None) -> None:
+        from floebmi.arrays import all_finite
+
         if all_finite(given):
             return
         finite = np.isfinite(given)

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from floebmi.arrays import all_finite, same_bits
 from floebmi.errors import InputError
-from floebmi.quantities import all_finite
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
 FIXED_Y = 2
@@ -285,7 +285,7 @@ class Floes:
         return (
             len(self) == len(other)
             and mine == other._columns.keys()
-            and all((getattr(self, name) == getattr(other, name)).all() for name in shared)
+            and all(same_bits(getattr(self, name), getattr(other, name)) for name in shared)
         )
 
     def copy(self) -> "Floes":

@@ -122,7 +122,7 @@ def bulk_coefficient(drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.nda
 
 
 # A force at the floes is a table, a column for each floe, with as many of these rows as the force has use for:
-# impulse [N s] and work [J] given to the floe since the table was made; velocity of the fluid [m/s], or slope of
+# impulse [N s] and work [J] given to the floe in this exchange; velocity of the fluid [m/s], or slope of
 # the sea surface [1]; K/m [1/m] of drag; half the curl of the fluid [1/s] and K/J [1] of its torque.
 X, Y, WORK, FLUID_U, FLUID_V, RATE, HALF_CURL, SPIN_RATE = range(8)
 PARAMETER = 3  # the Coriolis parameter [1/s], instead of a fluid
@@ -155,20 +155,6 @@ def at_floes(
         if rotation:  # eqs. ocean-torque, air-torque, over J = m r²/2
             arm = radius * force.horizontal / 5 + side * force.vertical
             at[SPIN_RATE] = 2 * force.density * arm / mass_per_area
-    return at
-
-
-def unused(at: np.ndarray) -> np.ndarray:
-    """A table for another exchange: nothing booked, what the floes are like, and room for what the fluids are."""
-    new = np.empty_like(at)
-    new[: WORK + 1] = 0.0
-    new[RATE:] = at[RATE:]
-    return new
-
-
-def without_fluid(at: np.ndarray) -> np.ndarray:
-    """The same floes before they have met a fluid: no drag until it is read at them."""
-    at[RATE:] = 0.0
     return at
 
 
@@ -364,33 +350,43 @@ FORCE_BUFFER = 16 * BLOCK
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
     """A table as kernels take it: a row for each block of the floes of these numbers, in it the rows of the table.
 
-    Nothing is booked in it yet.  The last floe fills up the last block.
+    What the floes are like is in it; nothing is booked yet, and no fluid read.
     """
-    blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
+    blocks = np.zeros((-(-len(number) // BLOCK), len(at) * BLOCK))
     _into_blocks(at, number, blocks)
     return blocks
 
 
 @in_place
 def _into_blocks(at, number, blocks):
-    last = number.size - 1
-    for block in range(blocks.shape[0]):
-        here = blocks[block]
-        here[: FLUID_U * BLOCK] = 0.0
-        for name in range(FLUID_U, at.shape[0]):
-            values = at[name]
-            for k in range(BLOCK):
-                floe = np.uintp(number[min(block * BLOCK + k, last)])
-                here[np.uintp(name * BLOCK + k)] = values[floe]
+    for k in range(number.size):
+        floe, here = np.uintp(number[k]), blocks[k // BLOCK]
+        for name in range(RATE, at.shape[0]):
+            here[name * BLOCK + k % BLOCK] = at[name, floe]
+
+
+def in_order(at: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """The floes at these places of a table by block, in this order.
+
+    place : −1 of a floe that is new: it has met no fluid, and nothing drags on it
+    """
+    blocks = np.zeros((-(-len(place) // BLOCK), at.shape[1]))
+    _in_order(at, place, blocks)
+    return blocks
 
 
 @in_place
-def add_booked(at, number, blocks):
-    """Add impulses and work of the blocks to those of the table that they were made of."""
-    for k in range(number.size):
-        floe, here = np.uintp(number[k]), blocks[k // BLOCK]
-        for name in range(WORK + 1):
-            at[name, floe] += row(here, name, k % BLOCK)
+def _in_order(at, place, blocks):
+    for k in range(place.size):
+        if place[k] >= 0:
+            there, here = at[place[k] // BLOCK], blocks[k // BLOCK]
+            for name in range(at.shape[1] // BLOCK):
+                here[name * BLOCK + k % BLOCK] = there[name * BLOCK + place[k] % BLOCK]
+
+
+def lanes(at: np.ndarray, name: int) -> np.ndarray:
+    """One row of a table by block, (blocks, BLOCK), as a view."""
+    return at[:, name * BLOCK : (name + 1) * BLOCK]
 
 
 def for_each(body: Callable) -> Callable:

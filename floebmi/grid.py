@@ -326,6 +326,11 @@ class Grid:
         return self.x.size
 
     @functools.cached_property
+    def total_area(self) -> float:
+        """Area of all cells [m²]."""
+        return float(self.area.sum())
+
+    @functools.cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """West, east, south, north of the grid [m]."""
         x, y = self.corner_x, self.corner_y

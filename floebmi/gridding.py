@@ -38,7 +38,7 @@ import numpy as np
 from floebmi.errors import InputError
 from floebmi.geometry import cut
 from floebmi.grid import Grid, bin_of
-from floebmi.kernels import in_place, jit
+from floebmi.kernels import BLOCK, in_place, jit
 from floebmi.sampling import Coverage, Period, Weights, images, scatter
 
 
@@ -86,46 +86,71 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
 
 
 @in_place
-def give_back(
-    start, cell, amount, over, impulse_x, impulse_y, last_x, last_y, total_x, total_y,
-):  # fmt: skip
-    """Share out what a fluid gave to the floes, by the weights it was read with, and turn its sign.
+def give_back(start, cell, amount, over, number, fluids):
+    """Share out what fluids gave to the floes, by the weights they were read with, and turn its sign.
 
     start, cell, amount, over : see `sampling.Weights`
-    impulse_x, impulse_y : of each floe [N s], for the rows of the weights
-    last_x, last_y : filled with the fluid's impulse in each cell [N s], and added to total_x, total_y
+    fluids : for each a tuple of impulse_x, impulse_y of the floes of these numbers [N s], (blocks, BLOCK);
+        last_x, last_y, filled with the fluid's impulse in each cell [N s]; total_x, total_y, to which that is added;
+        and lost (2,), to which that is added which finds no cell.  Who came in since has no weights.
     """
-    for c in range(last_x.size):
-        last_x[c] = last_y[c] = 0.0
-    for k in range(start.size - 1):
-        x, y = over[k] * impulse_x[k], over[k] * impulse_y[k]
-        for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-            c = np.uintp(cell[e])  # unsigned: no wrap-around of negative indices
-            last_x[c] -= amount[e] * x
-            last_y[c] -= amount[e] * y
-    for c in range(last_x.size):
-        total_x[c] += last_x[c]
-        total_y[c] += last_y[c]
+    for q in range(len(fluids)):
+        _, _, last_x, last_y, _, _, _ = fluids[q]
+        for c in range(last_x.size):
+            last_x[c] = last_y[c] = 0.0
+    for k in range(number.size):
+        floe, block, lane = np.uintp(number[k]), np.uintp(k // BLOCK), np.uintp(k % BLOCK)
+        if floe >= over.size:
+            continue
+        first, last = np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])
+        for q in range(len(fluids)):
+            impulse_x, impulse_y, last_x, last_y, _, _, lost = fluids[q]
+            x, y = impulse_x[block, lane], impulse_y[block, lane]
+            if first == last:
+                lost[0] -= x
+                lost[1] -= y
+            x *= over[floe]
+            y *= over[floe]
+            for e in range(first, last):
+                c = np.uintp(cell[e])  # unsigned: no wrap-around of negative indices
+                last_x[c] -= amount[e] * x
+                last_y[c] -= amount[e] * y
+    for q in range(len(fluids)):
+        _, _, last_x, last_y, total_x, total_y, _ = fluids[q]
+        for c in range(last_x.size):
+            total_x[c] += last_x[c]
+            total_y[c] += last_y[c]
+
+
+@in_place
+def per_area(amount, over, cell_area, out):
+    """Fill out with the amount in each cell, times a number, per its area."""
+    for c in range(amount.size):
+        out[c] = amount[c] * (over / cell_area[c])
 
 
 @in_place
 def sizes_of_drag(
-    start, cell, amount, over, impulse_x, impulse_y, fluid_u, fluid_v, u, v, rate, mass, cell_area, magnitude,
-    slope,
+    start, cell, amount, over, number, impulse_x, impulse_y, fluid_u, fluid_v, rate, u, v, mass, cell_area,
+    magnitude, slope,
 ):  # fmt: skip
     """Fill magnitude and slope with Σ |impulse| [N s/m²] and Σ K |Δu| [kg m-2 s-1] per cell area.
 
-    fluid_u, fluid_v, u, v : velocities of the fluid and of each floe [m/s]
-    rate, mass : K/m [1/m] and m [kg] of each floe; the others as for `give_back`
+    fluid_u, fluid_v, rate : velocity of the fluid [m/s] and K/m [1/m] at these floes, (blocks, BLOCK)
+    u, v, mass : velocity [m/s] and m [kg] of each floe, by its number; the others as for `give_back`
     """
     for c in range(cell_area.size):
         magnitude[c] = slope[c] = 0.0
-    for k in range(start.size - 1):
-        size = np.sqrt(impulse_x[k] * impulse_x[k] + impulse_y[k] * impulse_y[k])
-        du, dv = fluid_u[k] - u[k], fluid_v[k] - v[k]
-        coefficient = np.sqrt(du * du + dv * dv) * rate[k] * mass[k]
-        for e in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-            c, w = np.uintp(cell[e]), over[k] * amount[e]
+    for k in range(number.size):
+        floe, block, lane = np.uintp(number[k]), np.uintp(k // BLOCK), np.uintp(k % BLOCK)
+        if floe >= over.size:
+            continue
+        x, y = impulse_x[block, lane], impulse_y[block, lane]
+        size = np.sqrt(x * x + y * y)
+        du, dv = fluid_u[block, lane] - u[floe], fluid_v[block, lane] - v[floe]
+        coefficient = np.sqrt(du * du + dv * dv) * rate[block, lane] * mass[floe]
+        for e in range(np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])):
+            c, w = np.uintp(cell[e]), over[floe] * amount[e]
             magnitude[c] += w * size
             slope[c] += w * coefficient
     for c in range(cell_area.size):

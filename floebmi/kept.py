@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from floebmi.dynamics import Lists
 from floebmi.floes import Floes
 from floebmi.pack import Packed, Stiffest, remembered
 from floebmi.pairs import PairList
-from floebmi.tiles import Tiles
 
 # What decides which floes are listed as neighbours; the step depends on the thickness as well.
 DECISIVE = "x", "y", "radius", "active", "motion", "tensile_strength"
@@ -37,7 +37,7 @@ class Kept(NamedTuple):
 
     x, y : where its floes were when it was made, in its order, from the domain's origin (m,) [m]
     walls : where the walls were (w,) [m]
-    tiles : of its pairs; wall_floe, wall_number : see `dynamics.Walls`
+    lists : its tiles, and room for short lists; wall_floe, wall_number : see `dynamics.Walls`
     skin, closing : see `Advance` [m]
     room, travelled : how far floes may stray until it is stale, and how far they have [m]
     stiffest : what sets the step meanwhile, if that is known
@@ -49,7 +49,7 @@ class Kept(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     walls: np.ndarray
-    tiles: Tiles
+    lists: Lists
     wall_floe: np.ndarray
     wall_number: np.ndarray
     skin: float

@@ -22,6 +22,7 @@ import numpy as np
 
 from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
+from floebmi.arrays import all_finite
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
@@ -48,7 +49,8 @@ from floebmi.forces import (
     Y,
     at_floes,
     bulk_coefficient,
-    unused,
+    by_block,
+    lanes,
 )
 from floebmi.grid import Grid
 from floebmi.gridding import (
@@ -57,14 +59,16 @@ from floebmi.gridding import (
     give_back,
     internal_stress,
     maximum_shear,
+    per_area,
     pressure,
     sizes_of_drag,
 )
 from floebmi.kept import Kept, Marks, Memory, marks
+from floebmi.kernels import BLOCK
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
-from floebmi.quantities import all_finite, check, words
+from floebmi.quantities import check, words
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -134,12 +138,12 @@ class Fluid:
     def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Magnitude and coefficient, found once somebody asks: few hosts do."""
         if self._given is not None:
-            w, at, floes, density = self._given
+            w, number, at, floes, density = self._given
             mass = np.where(floes.active, floes.mass(density), 0.0)
+            of_each = (lanes(at, name) for name in (X, Y, FLUID_U, FLUID_V, RATE))
             sizes_of_drag(
-                *w[:-1], at[X], at[Y], at[FLUID_U], at[FLUID_V], floes.u, floes.v, at[RATE], mass,
-                self.grid.area, *self._sizes,
-            )  # fmt: skip
+                *w[:-1], number, *of_each, floes.u, floes.v, mass, self.grid.area, *self._sizes
+            )
             self._given = None
         return self._sizes
 
@@ -264,7 +268,8 @@ class Model:
         self._warned_of_lag = False
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
-        self._at = self._tables = self._allocate()
+        self._tables = self._allocate()  # of the forces at all floes
+        self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
@@ -381,7 +386,7 @@ class Model:
     def _advance(self) -> Advance:
         return Advance(
             self.floes, self._state, self.domain, self.contact, self.forces, self.step,
-            self.ice_density, self.draft_fraction, self.threads,
+            self.ice_density, self.threads,
         )  # fmt: skip
 
     def advance(self, duration: float) -> None:
@@ -407,17 +412,18 @@ class Model:
         if seen is not self._left:
             self.floes.check()
             self._tables = self._allocate()
-        self._at = tuple(map(unused, self._tables))
-        weights = self._sample(seen)
         known = len(self.floes)
         advance = self._now(seen)
+        order = advance.packed.number
+        self._at = tuple(by_block(table, order) for table in self._tables)
+        weights = self._sample(seen, order)
         before = self._state.copy()
         if seen is not self._left:
             self._book_edits(advance)
         seen.list = None  # the steps use it up, even if they fail
         try:
             advance.run(duration, self._at, self.time)
-            self._at = tuple(advance.at)
+            self._at = advance.at
             self._book_forces()
             self._state.ledger.now = advance.stock()
             self._check_energy(self.time + duration)
@@ -425,7 +431,7 @@ class Model:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        self._give_back(weights)
+        self._give_back(weights, advance.order)
         if len(self.floes) != known:
             self._tables = self._allocate()
         self._left = self._seen = _Seen(self._state.kept.floes)
@@ -520,10 +526,10 @@ class Model:
                 )
         return weights[id(grid)]
 
-    def _sample(self, seen: _Seen) -> dict[int, Weights]:
+    def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
         weights: dict[int, Weights] = {}
-        nowhere: dict[int, np.ndarray] = {}  # floes that find no wet cell
+        nowhere: dict[int, tuple[np.ndarray, ...]] = {}  # block, lane of floes without a wet cell
         # field and where it goes
         reads: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
@@ -533,23 +539,25 @@ class Model:
             grid = id(fluid.grid)
             if grid not in weights:
                 weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
-                nowhere[grid] = np.flatnonzero(without_cell(weights[grid]))
+                dry = np.flatnonzero(without_cell(weights[grid])[order])
+                nowhere[grid] = np.divmod(dry, BLOCK)
             if isinstance(force, CoriolisField):
-                reads[grid] += [(fluid.coriolis, at[PARAMETER])]
+                reads[grid] += [(fluid.coriolis, lanes(at, PARAMETER))]
                 continue
             if isinstance(force, Tilt):
-                reads[grid] += [(fluid.tilt_x, at[FLUID_U]), (fluid.tilt_y, at[FLUID_V])]
+                slopes = fluid.tilt_x, fluid.tilt_y
+                reads[grid] += zip(slopes, (lanes(at, FLUID_U), lanes(at, FLUID_V)), strict=True)
                 continue
-            reads[grid] += [(fluid.u, at[FLUID_U]), (fluid.v, at[FLUID_V])]
-            at[RATE, nowhere[grid]] = 0.0  # no water, no drag
-            if len(at) > SPIN_RATE:
-                reads[grid] += [(fluid.vorticity(), at[HALF_CURL])]
-                at[SPIN_RATE, nowhere[grid]] = 0.0
+            reads[grid] += [(fluid.u, lanes(at, FLUID_U)), (fluid.v, lanes(at, FLUID_V))]
+            lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
+            if self.floes.rotation:
+                reads[grid] += [(fluid.vorticity(), lanes(at, HALF_CURL))]
+                lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
         for grid, each in reads.items():
-            gather_each(weights[grid], *zip(*each, strict=True))
-        for at in self._at:
-            if len(at) > SPIN_RATE:
-                at[HALF_CURL] *= 0.5
+            gather_each(weights[grid], order, *zip(*each, strict=True))
+        for force, at in zip(self.forces, self._at, strict=True):
+            if self.floes.rotation and isinstance(force, OceanDrag | AirDrag):
+                lanes(at, HALF_CURL)[:] *= 0.5
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -561,24 +569,23 @@ class Model:
         """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            x, y, work = at[: WORK + 1].sum(axis=1)
+            x, y, work = at[:, : (WORK + 1) * BLOCK].sum(axis=0).reshape(-1, BLOCK).sum(axis=1)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
-    def _give_back(self, weights: dict[int, Weights]) -> None:
+    def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
         """The fluids get the opposite of the impulse that their drag gave."""
+        gifts: dict[int, list[tuple[np.ndarray, ...]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
-            fluid = self._fluid_of(force)
-            w = weights[id(fluid.grid)]
-            give_back(
-                *w[:-1], at[X], at[Y], fluid.last_x, fluid.last_y, fluid.impulse_x, fluid.impulse_y
-            )  # fmt: skip
+            f = self._fluid_of(force)
+            gifts.setdefault(id(f.grid), []).append((
+                lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
+            ))  # fmt: skip
             if isinstance(force, OceanDrag):
-                fluid._given = w, at, self._state.kept.floes, self.ice_density
-            lost = np.flatnonzero(without_cell(w))
-            if len(lost):
-                fluid.undelivered -= at[: Y + 1, lost].sum(axis=1)
+                f._given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
+        for grid, fluids in gifts.items():
+            give_back(*weights[grid][:-1], order, tuple(fluids))
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching."""
@@ -636,8 +643,9 @@ class Model:
         p, pairs = now.packed, now.pairs
         law = None if self.contact is None else prepare(self.contact)
         touching, rows = look(
-            law, *self.domain.period, p.floes, p.friction, p.tensile_strength, pairs
-        )
+            law, *self.domain.period, p.floes, p.friction, p.tensile_strength,
+            now.lists.near, now.lists.pairs,
+        )  # fmt: skip
         i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
         values = [column[order] for column in rows.T]
@@ -695,6 +703,11 @@ class Model:
         over = 1.0 / self._last_duration if self._last_duration else 0.0
         fields: dict[str, np.ndarray] = {}
 
+        def per_area_of(grid: Grid, name: str, amount: np.ndarray, over: float) -> None:
+            if out is None or name in out:
+                fields[name] = np.empty(grid.size) if out is None else out[name]
+                per_area(amount, over, grid.area, fields[name])
+
         def product(name: str, one: np.ndarray, other: np.ndarray | float) -> None:
             if out is None:
                 fields[name] = one * other
@@ -708,10 +721,8 @@ class Model:
                 (f"{what}_stress", fluid.last_x, fluid.last_y, over),
                 (f"{what}_impulse", fluid.impulse_x, fluid.impulse_y, 1.0),
             ):
-                if out is None or name + "_x" in out or name + "_y" in out:
-                    per_area = (sign * time) / fluid.grid.area
-                    product(name + "_x", x, per_area)
-                    product(name + "_y", y, per_area)
+                per_area_of(fluid.grid, name + "_x", x, sign * time)
+                per_area_of(fluid.grid, name + "_y", y, sign * time)
         if self.ocean is not None:
             if out is None or any(name in out for name in PER_ICE_AREA):
                 areas = self.coverage()

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.bonds import beam_of, bending_ratio, stretch
+from floebmi.columns import LANES
 from floebmi.contact import (
     Contact,
     coefficient,
@@ -82,8 +83,16 @@ def places(
 
     remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
     """
-    x, y = floes.x[number] - origin[0], floes.y[number] - origin[1]
+    x, y = np.empty((2, len(number)))
+    _from_origin(floes.x, floes.y, number, *origin, x, y)
     return (x, y) if remainder is None else (x + remainder[number, 0], y + remainder[number, 1])
+
+
+@in_place
+def _from_origin(x, y, number, origin_x, origin_y, here_x, here_y):
+    for k in range(number.size):
+        floe = np.uintp(number[k])
+        here_x[k], here_y[k] = x[floe] - origin_x, y[floe] - origin_y
 
 
 def in_space(
@@ -475,73 +484,84 @@ class Contacts(NamedTuple):
     energy: np.ndarray
 
 
-def look(law, period_x, period_y, floes, mu, sigma, pairs):
-    """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy."""
+def look(law, period_x, period_y, floes, mu, sigma, near, pairs):
+    """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy.
+
+    near, pairs : the short list, as steps or a look at the forces leave it; the others cannot touch
+    """
     if law is None:
         return np.empty(0, np.int64), np.empty((0, 9))
-    touching, rows = np.empty(len(pairs.i), np.int64), np.empty((len(pairs.i), 9))
-    n = _look(law, period_x, period_y, floes, mu, sigma, pairs, touching, rows)
+    room = near.counts.sum()
+    touching, rows = np.empty(room, np.int64), np.empty((room, 9))
+    n = _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows)
     return touching[:n], rows[:n]
 
 
 @in_place
-def _look(law, period_x, period_y, floes, mu, sigma, pairs, touching, rows):
+def _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows):
     m = 0
-    for p in range(pairs.i.size):
-        i, j = pairs.i[p], pairs.j[p]
-        one, other = floes[i], floes[j]
-        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
-        distance = np.sqrt(dx * dx + dy * dy)
-        nx, ny = dx / distance, dy / distance
-        gap = distance - (one.r + other.r)
-        was_bonded = recall(pairs.bonded, p)
-        if gap >= 0.0 and was_bonded <= 0.0:
-            continue
-        opening = (other.u - one.u) * nx + (other.v - one.v) * ny
-        f = pair_force(
-            law, gap, opening, 0.0, 0.0, one.r, other.r, one.h, other.h, one.w + other.w,
-            least_of(mu, coefficient(law.friction), i, j),
-            least_of(sigma, strength(law.bonds), i, j),
-            recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
-            recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
-        )  # fmt: skip
-        if gap >= 0.0 and f.bonded <= 0.0:
-            continue
-        row = rows[m]
-        row[0], row[1] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
-        row[2], row[3] = dx, dy
-        row[4], row[5] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
-        row[6], row[7] = -gap, f.bonded
-        row[8] = stored(law, f, gap, one.r, other.r, one.h, other.h)
-        touching[m] = p
-        m += 1
+    for part in range(near.counts.size):
+        first = near.parts[part] + LANES * part
+        for p in range(first, first + near.counts[part]):
+            i, j = pairs.i[p], pairs.j[p]
+            one, other = floes[i], floes[j]
+            dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+            distance = np.sqrt(dx * dx + dy * dy)
+            nx, ny = dx / distance, dy / distance
+            gap = distance - (one.r + other.r)
+            was_bonded = recall(pairs.bonded, p)
+            if gap >= 0.0 and was_bonded <= 0.0:
+                continue
+            opening = (other.u - one.u) * nx + (other.v - one.v) * ny
+            f = pair_force(
+                law, gap, opening, 0.0, 0.0, one.r, other.r, one.h, other.h, one.w + other.w,
+                least_of(mu, coefficient(law.friction), i, j),
+                least_of(sigma, strength(law.bonds), i, j),
+                recall(pairs.slip, p), was_bonded, 0.0, recall(pairs.bent, p),
+                recall(pairs.failed, p), recall(pairs.slid, p), 0.0,
+            )  # fmt: skip
+            if gap >= 0.0 and f.bonded <= 0.0:
+                continue
+            row = rows[m]
+            row[0], row[1] = one.x + (one.r + 0.5 * gap) * nx, one.y + (one.r + 0.5 * gap) * ny
+            row[2], row[3] = dx, dy
+            row[4], row[5] = -f.f_n * nx - f.f_t * ny, -f.f_n * ny + f.f_t * nx
+            row[6], row[7] = -gap, f.bonded
+            row[8] = stored(law, f, gap, one.r, other.r, one.h, other.h)
+            touching[m] = near.slot[p]
+            m += 1
     return m
 
 
 @in_place
-def deepest(period_x, period_y, floes, pair_i, pair_j):
+def deepest(period_x, period_y, floes, near):
     """The pair with the largest overlap over its smaller radius, and that share; of floes that move."""
     which, deepest_share = -1, 0.0
-    for p in range(pair_i.size):
-        one, other = floes[pair_i[p]], floes[pair_j[p]]
-        if one.w + other.w == 0.0:
-            continue
-        dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
-        share = (one.r + other.r - np.sqrt(dx * dx + dy * dy)) / min(one.r, other.r)
-        if share > deepest_share:
-            which, deepest_share = p, share
+    for part in range(near.counts.size):
+        first = near.parts[part] + LANES * part
+        for p in range(first, first + near.counts[part]):
+            one, other = floes[near.i[p]], floes[near.j[p]]
+            if one.w + other.w == 0.0:
+                continue
+            dx, dy = wrap(period_x, other.x - one.x), wrap(period_y, other.y - one.y)
+            share = (one.r + other.r - np.sqrt(dx * dx + dy * dy)) / min(one.r, other.r)
+            if share > deepest_share:
+                which, deepest_share = near.slot[p], share
     return which, deepest_share
 
 
 class Survey(NamedTuple):
     """How packed floes fare.
 
-    finite : all places, velocities and angles are numbers; energy : kinetic [J]
+    finite : all places, velocities and angles are numbers; energy : kinetic, of what does not turn [J]
+    speed, spin : of the fastest [m/s] and of the one that turns fastest [rad/s]
     pace, which : how fast the fastest for its radius is [radii per s], and its packed index
     """
 
     finite: bool
     energy: float
+    speed: float
+    spin: float
     pace: float
     which: int
 
@@ -549,33 +569,45 @@ class Survey(NamedTuple):
 @in_place
 def survey(packed):
     """A `Survey` as a tuple."""
-    p, finite, energy, pace2, which = packed, True, 0.0, 0.0, 0
+    p, finite, energy, fastest2, spin, pace2, which = packed, True, 0.0, 0.0, 0.0, 0.0, 0
     for k in range(p.floes.size):
         floe = p.floes[k]
-        speed2 = floe.u * floe.u + floe.v * floe.v
+        speed2, omega = floe.u * floe.u + floe.v * floe.v, omega_of(p.spinning, k)
         # no isfinite: with fast mathematics x − x is 0 whatever x is
         finite &= (speed2 < np.inf) & (abs(floe.x) < np.inf) & (abs(floe.y) < np.inf)
-        finite &= abs(turned(p.spinning, p.angle, k)) < np.inf
+        finite &= abs(omega + recall(p.angle, k)) < np.inf
         energy += 0.5 * p.mass[k] * speed2
+        fastest2, spin = max(fastest2, speed2), max(spin, abs(omega))
         here2 = speed2 / (floe.r * floe.r)
         if here2 > pace2:
             pace2, which = here2, k
-    return finite, energy, np.sqrt(pace2), which
+    return finite, energy, np.sqrt(fastest2), spin, np.sqrt(pace2), which
 
 
 @dispatched
-def turned(spinning, angle, k):
-    """Finite if a floe's angle and its rate are."""
-    return spinning[k].omega + angle[k]
+def omega_of(spinning, k):
+    """The angular velocity of a floe; none where floes do not turn."""
+    return spinning[k].omega
 
 
-@turned.register
-def _(spinning: None, angle, k):
+@omega_of.register
+def _(spinning: None, k):
     return 0.0
 
 
 @in_place
-def pressed(packed):
+def stock_of_each(of, motion, radius, thickness, u, v, omega, density, stock):
+    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
+    for k in range(of.size):
+        m = density * np.pi * radius[k] * radius[k] * thickness[k]
+        m = m if of[k] & ((motion[k] & LAND) == 0) else 0.0
+        turns = radius[k] * recall(omega, k)
+        stock[0, k], stock[1, k], stock[2, k] = m, m * u[k], m * v[k]
+        stock[3, k] = 0.5 * m * (u[k] * u[k] + v[k] * v[k] + 0.5 * turns * turns)  # J = m r²/2
+
+
+@in_place
+def pressed(packed, walls):
     """Of the contact forces on what is free: Σ|F|²/m [N²/kg], torques with J, and the power Σ F·u [W]."""
     p, press, power = packed, 0.0, 0.0
     for k in range(p.floes.size):
@@ -586,7 +618,8 @@ def pressed(packed):
         if p.inverse_y[k] > 0.0:
             press += p.inverse_y[k] * f.y * f.y
             power += f.y * floe.v
-    return add_twisted(p.spinning, p, press, power)
+    press, power = add_twisted(p.spinning, p, press, power)
+    return add_walls(walls, press, power)
 
 
 @dispatched
@@ -600,4 +633,19 @@ def add_twisted(spinning, p, press, power):
 
 @add_twisted.register
 def _(spinning: None, p, press, power):
+    return press, power
+
+
+@dispatched
+def add_walls(walls, press, power):
+    for w in range(walls.size):
+        wall = walls[w]
+        force = wall.force + wall.side * wall.press
+        press += wall.inverse_mass * force * force
+        power += force * wall.speed if wall.inverse_mass > 0.0 else 0.0
+    return press, power
+
+
+@add_walls.register
+def _(walls: None, press, power):
     return press, power

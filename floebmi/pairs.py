@@ -76,9 +76,10 @@ class PairList(NamedTuple):
 
     def copy(self) -> "PairList":
         """The same pairs with a memory of their own, of what lasts beyond the list."""
-        memory, block = remembering(self.memories(), len(self.i))
-        for name, values in self.memory().items():
-            memory[name][:] = values
+        block = self.block.copy()
+        memory = dict(zip(self.memories(), block, strict=True))
+        if self.damped is not None:
+            memory["damped"][:] = 0.0
         return self._replace(**memory, block=block)
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -117,6 +118,11 @@ def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
     )
 
 
+def emptied(near: Near, pairs: PairList) -> Near:
+    """The same room, empty, for a short list of the same pairs with another memory."""
+    return near._replace(list_block=pairs.block, counts=np.zeros_like(near.counts))
+
+
 def room_for_blows(parts: np.ndarray) -> np.ndarray:
     """Room for the blows of two parts, each with as many pairs as any has."""
     return np.empty((2, np.diff(parts).max(initial=0)), BLOW)
@@ -141,7 +147,7 @@ def _(period: None, d):
 
 @dispatched
 def recall(memory, p):
-    """What pair p remembers; nothing where nothing is remembered."""
+    """What pair p remembers, or floe p has; 0 where there is no such thing."""
     return memory[
         np.uintp(p)
     ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
@@ -194,13 +200,12 @@ def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
 
 @in_place
 def settle(near, first_part, last_part):
-    """Back into the list what pairs of the short list remember; it is empty then."""
+    """Back into the list what pairs of the short list remember."""
     for part in range(first_part, last_part):
         first = near.parts[part] + LANES * part
         for row in range(near.block.shape[0]):
             for q in range(first, first + near.counts[part]):
                 near.list_block[row, near.slot[q]] = near.block[row, q]
-        near.counts[part] = 0
 
 
 # ---- forces -------------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ import operator
 from collections.abc import Iterable, Iterator
 from typing import Annotated, get_args, get_type_hints
 
-import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from floebmi.errors import InputError
@@ -78,8 +77,3 @@ def _parts(hint: object) -> Iterator[object]:
     yield from getattr(hint, "__metadata__", ())
     for inner in get_args(hint):
         yield from _parts(inner)
-
-
-def all_finite(values: np.ndarray) -> bool:
-    """Whether every number is finite."""
-    return bool(np.isfinite(values).all())

@@ -25,11 +25,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from floebmi.arrays import all_finite
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
 from floebmi.grid import Bins, Grid, bin_of, column
-from floebmi.kernels import dispatched, in_place, jit
-from floebmi.quantities import all_finite
+from floebmi.kernels import BLOCK, dispatched, in_place, jit
 
 Period = tuple[float | None, float | None]
 
@@ -243,14 +243,16 @@ def _gather(start, cell, amount, over, field, out):
 
 
 @in_place
-def _gather_each(start, cell, amount, over, fields, outs):
-    for k in range(start.size - 1):
+def _gather_each(start, cell, amount, over, number, fields, outs):
+    for k in range(number.size):
+        # unsigned: no wrap-around of negative indices, a third of the time
+        floe, block, lane = np.uintp(number[k]), np.uintp(k // BLOCK), np.uintp(k % BLOCK)
+        first, last = np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])
         for q in range(len(fields)):
             field, total = fields[q], 0.0
-            for m in range(np.uintp(start[k]), np.uintp(start[k + 1])):
-                # unsigned: no wrap-around of negative indices, a third of the time
+            for m in range(first, last):
                 total += amount[m] * field[np.uintp(cell[m])]
-            outs[q][k] = over[k] * total
+            outs[q][block, lane] = over[floe] * total
 
 
 @in_place
@@ -293,7 +295,7 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
             raise InputError(f"period = {period}: must be (Lx, Ly), each a length [m] or None")
         sides[axis] = extent if length is None else length
     # By area, since the seam of a curvilinear or unstructured grid need not be straight.
-    if period != (None, None) and grid.area.sum() > sides[0] * sides[1] * (1 + 1e-9):
+    if period != (None, None) and grid.total_area > sides[0] * sides[1] * (1 + 1e-9):
         raise InputError(
             f"period = {period} is shorter than the grid ({east - west:g} × {north - south:g} m):"
             " a floe would be seen by two cells at one place"
@@ -403,7 +405,7 @@ def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
 
 def _over(total: np.ndarray) -> np.ndarray:
     """One over the sums of rows; 0 of empty ones."""
-    return np.divide(1.0, total, out=np.zeros(total.size), where=total > 0.0)
+    return 1.0 / np.where(total > 0.0, total, np.inf)
 
 
 def _around(
@@ -519,10 +521,16 @@ def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -
 
 
 def gather_each(
-    weights: Weights, fields: tuple[np.ndarray, ...], outs: tuple[np.ndarray, ...]
+    weights: Weights,
+    number: np.ndarray,
+    fields: tuple[np.ndarray, ...],
+    outs: tuple[np.ndarray, ...],
 ) -> None:
-    """`gather` of several fields of shape (grid.size,), float64, each into its out (n,): the weights are read once."""
-    _gather_each(*weights[:-1], fields, outs)
+    """`gather` of several fields of shape (grid.size,), float64, onto the floes of these numbers.
+
+    outs : one of each field, (blocks, BLOCK), filled in the order of the numbers; the weights are read once
+    """
+    _gather_each(*weights[:-1], number, fields, outs)
 
 
 def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:

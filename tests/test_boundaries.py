@@ -9,6 +9,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
+from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.sizes import SingleSize, UniformSize
 
@@ -168,7 +169,7 @@ def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     assert floes.x[0] + 20.0 < floes.x[1] + 0.5 and floes.x[1] == 30.0
     fields = model.fields()
     assert (fields["area_fraction"] * model.grid.area).sum() == pytest.approx(np.pi * 100, rel=1e-9)
-    assert model._at[0][X, 1] == 0.0
+    assert model._at[0][0, X * BLOCK + 1] == 0.0
     assert_books_close(model)
 
 

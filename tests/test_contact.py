@@ -25,7 +25,7 @@ from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
 from floebmi.pack import MOVING, SPINNING, PairList, look
 from floebmi.packing import relax
-from floebmi.pairs import remembering
+from floebmi.pairs import near_of, remembering
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
@@ -56,7 +56,10 @@ def force_and_energy(law, gap, slip, bonded):
         if name in memory:
             memory[name][:] = value
     pairs = PairList(np.array([0, 1, 1]), one, one + 1, **memory, block=block)
-    _, rows = look(law, None, None, place, None, None, pairs)
+    near, close = near_of(pairs, np.array([0, 1]))
+    near.slot[0], near.i[0], near.j[0], near.counts[0] = 0, 0, 1, 1
+    close.block[:, 0] = block[:, 0]
+    _, rows = look(law, None, None, place, None, None, near, close)
     return (-rows[0, 4], rows[0, 8]) if len(rows) else (0.0, 0.0)
 
 

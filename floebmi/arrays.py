@@ -1,0 +1,31 @@
+"""Questions about whole arrays, answered in one pass: an exchange asks them of all that it takes over."""
+
+import numpy as np
+
+from floebmi.kernels import in_place
+
+
+def all_finite(values: np.ndarray) -> bool:
+    """Whether every number is finite."""
+    return _all_finite(np.ascontiguousarray(values, np.float64).reshape(-1))
+
+
+@in_place
+def _all_finite(values):
+    finite = True
+    for k in range(values.size):
+        finite &= abs(values[k]) < np.inf
+    return finite
+
+
+def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two arrays of one kind and length, each in one piece, are the same bit by bit."""
+    return _same_bits(one.view(np.uint8), other.view(np.uint8))
+
+
+@in_place
+def _same_bits(one, other):
+    same = True
+    for k in range(one.size):
+        same &= one[k] == other[k]
+    return same
