@@ -397,6 +397,8 @@ def _stiffest(
         k_b = bend * k_n * (2.0 * one.r * other.r / (one.r + other.r)) ** 2
         add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
         add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
+    highest, which, rate = 0.0, -1, 0.0
+    of_wall = 0.0  # the sum of one wall, whose floes are listed one after the other
     for q in range(walls.floe.size):
         k = walls.floe[q]
         wall = walls.walls[walls.number[q]]
@@ -405,7 +407,11 @@ def _stiffest(
         nx = 1.0 if wall.axis == 0 else 0.0
         c = damping(law.dashpot, k_n, w)
         add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, 0.0, c, nx, 1.0 - nx, 0.0)
-    highest, which, rate = 0.0, -1, 0.0
+        if q == 0 or walls.number[q] != walls.number[q - 1]:
+            of_wall = 0.0
+        of_wall += (wall.inverse_mass + np.sqrt(wall.inverse_mass * w)) * k_n
+        if of_wall > highest:
+            highest, which = of_wall, k
     for k in range(n):
         w = max(inverse_x[k], inverse_y[k])
         if w == 0.0:
