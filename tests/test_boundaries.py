@@ -257,6 +257,8 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(walls=[Wall("west"), Wall("west")]), "two walls"),
         (dict(walls=[Wall("west")], contact=None), "contact law"),
         (dict(inflow=Inflow("west", SingleSize(80.0))), "narrower"),
+        (dict(inflow=Inflow("west", SingleSize(5.0), span=(60.0, 20.0))), "a stretch of the edge"),
+        (dict(inflow=Inflow("west", SingleSize(5.0), span=(-20.0, 60.0))), "from 0 to 100 m"),
         (dict(sampling="exact"), "sampling"),
         (dict(walls=[Wall("west", position=np.nan)]), "Wall.position"),
         (dict(walls=[Wall("west", normal_stress=1e3, mass=-1.0)]), "Wall.mass"),
