@@ -61,7 +61,7 @@ class Books:
         model, after = self._model, self._totals()
         momentum, other, nowhere = after - self._before
         given = np.zeros(2)
-        if model.ocean is not None:
+        if model.ocean is not None and model.time > self._start:  # else `last` is of another step
             given[:] = model.ocean.last_x.sum(), model.ocean.last_y.sum()
             self._turnover += float(np.abs([model.ocean.last_x, model.ocean.last_y]).sum())
         self._number += 1

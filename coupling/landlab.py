@@ -322,6 +322,8 @@ class SeaIceFloes(Component):
     def _take_inputs(self) -> None:
         model = self._model
         for row in _INPUTS:
+            if row.csdms not in self._grid.at_node:
+                raise InputError(f"{row.csdms}: is not at the grid's nodes; SeaIceFloes reads it")
             values = self._grid.at_node[row.csdms][self._grid.node_at_cell]
             wrong = ~np.isfinite(values) & model.grid.wet
             if wrong.any():

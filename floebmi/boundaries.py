@@ -194,8 +194,13 @@ class Feeder:
         check_sizes(inflow.sizes)
         self.inflow, self.domain = inflow, domain
         self.axis = _AXIS[inflow.edge]
-        along = (domain.y, domain.x)[self.axis] if inflow.span is None else inflow.span
+        edge = (domain.y, domain.x)[self.axis]
+        along = edge if inflow.span is None else inflow.span
         self.span = float(along[0]), float(along[1])
+        if not edge[0] <= self.span[0] < self.span[1] <= edge[1]:
+            raise InputError(
+                f"inflow.span = {self.span}: must be a stretch of the edge, from {edge[0]:g} to {edge[1]:g} m"
+            )
         widest = 2 * inflow.sizes.range[1]
         if self.span[1] - self.span[0] < widest:
             raise InputError(

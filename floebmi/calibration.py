@@ -1,6 +1,7 @@
 """What a floe-step and an exchange cost on this machine: measured on a scene, kept for scenes of its kind.
 
-Scenes are of one kind if they run the same machine code: the same parts of a contact law, the same forces.
+Scenes are of one kind if they run the same machine code: the same parts of a contact law, the same forces.  Those of
+a few floes are of another kind: a step costs them more than its floes do.
 """
 
 import json
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 MEASURED_FOR = 3.0  # [s]
 SHORT, LONG = 2, 60  # steps of the exchanges that are compared; more of few floes
 FLOE_STEPS = 2e5  # at least, of the long one
+FEW = 100  # floes
 
 
 class Cost(NamedTuple):
@@ -36,32 +38,42 @@ class Cost(NamedTuple):
 
 
 def kind(model: "Model") -> str:
-    """What sets the machine code of a model, in words."""
+    """What sets the machine code of a model, in words, and whether it has few floes."""
     contact = () if model.contact is None else model.contact
     names = [type(part).__name__ for part in (*contact, *model.forces) if part is not None]
     words = ["rotation"] * model.floes.rotation + [model.step.scheme, model.sampling]
     every = [f"drag every {model.step.drag_every}"] * (model.step.drag_every > 1)
-    return ", ".join([*names, *words, *every])
+    few = ["few floes"] * bool(np.count_nonzero(model.floes.active) < FEW)
+    return ", ".join([*names, *words, *every, *few])
 
 
-def measure(built: "Built") -> Cost:
-    """Run the start of a scene for a few seconds; the model is then used up."""
+def measure(built: "Built", duration: float | None) -> Cost:
+    """Run a scene for a few seconds, from its start again where it is over sooner; the model is then used up.
+
+    duration : of the scene [s]: after it there may be no ice left that costs anything
+    """
     model = built.model
     Forcing(model, built.ocean, built.atmosphere).fill(0.0)
     step = model.longest_step()
     step = step if np.isfinite(step) else 60.0
+    beginning = model.state()
     model.advance(SHORT * step)  # compiles
     floes = max(int(np.count_nonzero(model.floes.active)), 1)
     more = max(LONG, min(int(FLOE_STEPS / floes), 5000))
+    end = max(duration or np.inf, (2 * SHORT + LONG) * step)
+    spans = SHORT * step, min(more * step, end - 2 * SHORT * step)
     rows, begin = [], time.perf_counter()
     while time.perf_counter() - begin < MEASURED_FOR or len(rows) < 3:
+        if model.time + sum(spans) > end:
+            model.restore(beginning)
+            model.advance(SHORT * step)  # lists neighbours, as a run does once
         pair = []
-        for steps in (SHORT, more):
+        for span in spans:
             before, start = model.counters.floe_steps, time.perf_counter()
-            model.advance(steps * step)
+            model.advance(span)
             pair.append((time.perf_counter() - start, model.counters.floe_steps - before))
         rows.append(pair)
-    (short, few), (long, many) = np.median(rows, axis=0)
+    (short, few), (long, many) = np.mean(rows, axis=0)  # now and then neighbours are listed anew
     floe_step = max(long - short, 0.0) / (many - few) if many > few else 0.0
     cells = sum(fluid.grid.size for fluid in (model.ocean, model.atmosphere) if fluid is not None)
     return Cost(float(floe_step), float(max(short - few * floe_step, 0.0) / (floes + cells)))

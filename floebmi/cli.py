@@ -335,7 +335,7 @@ def _of(what: str) -> Iterator[None]:
 @_set_option
 @click.option(
     "--calibrate", is_flag=True,
-    help="Run its start for some seconds, and keep what a step costs on this machine.",
+    help="Run it for some seconds, and keep what a step costs on this machine.",
 )  # fmt: skip
 def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
     """Say what SCENE models and why, what it leaves out, its step, memory and cost."""
@@ -346,7 +346,7 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
     read = read_scene(scene, overrides)
     built = read.build()
     if calibrate:
-        calibration.keep(built.model, calibration.measure(read.build()))
+        calibration.keep(built.model, calibration.measure(read.build(), read.time.duration))
     if read.time.duration is not None:
         _check_forcing(read, built, 0.0, read.time.duration)
     click.echo(explain_scene(read, built))

@@ -81,6 +81,7 @@ _VELOCITIES = {
         ),
     ),
 }
+USUAL_LEVEL = {"ocean": 0.0, "wind": 10.0}  # depth or height [m]
 # Faster than any current or wind [m/s]: a wrong unit, or a fill value that the file does not declare.
 _FASTEST = {"ocean": 20.0, "wind": 200.0}
 # An `angle` this far from the direction of the columns is worth a warning [rad].
@@ -185,7 +186,8 @@ class VelocityFile:
     vectors : "east-north" (components along east and north) or "grid" (along the source's own axes);
         "auto" takes what standard_name, a staggered grid, or an `angle` says
     stagger : see `floebmi.cgrid`
-    depth : of all levels the one nearest to this depth [m] is taken
+    depth : of all levels the one nearest to this depth, of wind to this height, is taken [m]; default: the surface of
+        the ocean, wind at 10 m
     select : index along a dimension that is neither time, level nor horizontal, {"member": 3}
     units : units of the components if the file does not say them
     mask : name of the land-sea mask at the centres; "auto" finds one (kind "ocean"), "none" takes NaN alone
@@ -223,7 +225,7 @@ class VelocityFile:
         start: Date | None = None,
         vectors: Vectors = "auto",
         stagger: Stagger = "auto",
-        depth: float = 0.0,
+        depth: float | None = None,
         select: dict[str, int] | None = None,
         units: str | None = None,
         mask: str = "auto",
@@ -239,7 +241,8 @@ class VelocityFile:
             raise InputError(f"variables = {variables!r}: must be two names, of u and of v")
         files = open_files(path)
         found = find(files, _VELOCITIES[kind], variables, "variables")
-        u, v = (field(f, name, depth, select) for f, name in found.variables)
+        level = USUAL_LEVEL[kind] if depth is None else depth
+        u, v = (field(f, name, level, select) for f, name in found.variables)
         self._kind, self._u, self._v = kind, u, v
         self._label = f"{u.file.label}: {u.name}, {v.name}"
         factors = [velocity_factor(units or f.array.attrs.get("units"), f.label) for f in (u, v)]

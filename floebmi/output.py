@@ -500,13 +500,31 @@ def _define_walls(data: "Dataset", edges: tuple[str, ...]) -> None:
         variable.setncatts({"units": units, "long_name": text})
 
 
+# pyproj knows the CF name of this method on an ellipsoid only
+SPHERICAL = "Lambert Azimuthal Equal Area (Spherical)"
+
+
 def _define_projection(data: "Dataset", projection: str | None) -> None:
     if projection is None:
         return
     import pyproj
 
-    attributes = pyproj.CRS.from_user_input(projection).to_cf()
-    if attributes["grid_mapping_name"] == "polar_stereographic":
+    crs = pyproj.CRS.from_user_input(projection)
+    attributes = crs.to_cf()
+    name = attributes.get(
+        "grid_mapping_name"
+    )  # a projection that CF does not know is told by its crs_wkt
+    if name is None and crs.coordinate_operation.method_name == SPHERICAL:
+        values = {p.name: p.value for p in crs.coordinate_operation.params}
+        attributes |= {
+            "grid_mapping_name": "lambert_azimuthal_equal_area",
+            "latitude_of_projection_origin": values["Latitude of natural origin"],
+            "longitude_of_projection_origin": values["Longitude of natural origin"],
+            "false_easting": values["False easting"],
+            "false_northing": values["False northing"],
+            "earth_radius": crs.ellipsoid.semi_major_metre,
+        }
+    if name == "polar_stereographic":
         # CF asks for the pole beside the standard parallel; pyproj leaves it out
         pole = np.copysign(90.0, attributes.get("standard_parallel", 90.0))
         attributes.setdefault("latitude_of_projection_origin", pole)

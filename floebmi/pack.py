@@ -406,6 +406,8 @@ def _stiffest(
         k_b = bend * k_n * (2.0 * one.r * other.r / (one.r + other.r)) ** 2
         add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
         add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
+    highest, which, rate = 0.0, -1, 0.0
+    of_wall = 0.0  # the sum of one wall, whose floes are listed one after the other
     for q in range(walls.floe.size):
         k = walls.floe[q]
         wall = walls.walls[walls.number[q]]
@@ -414,7 +416,11 @@ def _stiffest(
         nx = 1.0 if wall.axis == 0 else 0.0
         c = damping(law.dashpot, k_n, w)
         add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, 0.0, c, nx, 1.0 - nx, 0.0)
-    highest, which, rate = 0.0, -1, 0.0
+        if q == 0 or walls.number[q] != walls.number[q - 1]:
+            of_wall = 0.0
+        of_wall += (wall.inverse_mass + np.sqrt(wall.inverse_mass * w)) * k_n
+        if of_wall > highest:
+            highest, which = of_wall, k
     for k in range(n):
         w = max(inverse_x[k], inverse_y[k])
         if w == 0.0:
@@ -638,11 +644,11 @@ def _(spinning: None, p, press, power):
 
 @dispatched
 def add_walls(walls, press, power):
+    """Of a wall, |F|² is what the ice pushes times all that pushes: what its load does is no energy of the ice."""
     for w in range(walls.size):
         wall = walls[w]
-        force = wall.force + wall.side * wall.press
-        press += wall.inverse_mass * force * force
-        power += force * wall.speed if wall.inverse_mass > 0.0 else 0.0
+        press += wall.inverse_mass * wall.force * (wall.force + wall.side * wall.press)
+        power += wall.force * wall.speed if wall.inverse_mass > 0.0 else 0.0
     return press, power
 
 

@@ -463,7 +463,11 @@ class FluidTable(Table):
     stagger: Literal["auto", "none", "before", "after"] = Field(
         "auto", description="where u and v lie on a C grid, see `floebmi.cgrid`"
     )
-    depth: NonNegative = Field(0.0, description="the level nearest to this depth is taken [m]")
+    depth: NonNegative | None = Field(
+        None,
+        description="the level nearest to this depth, of wind to this height, is taken [m]; else that of the surface, "
+        "of wind that at 10 m",
+    )
     select: dict[str, int] | None = Field(None, description=_SELECT)
     units: str | None = Field(None, description="of the velocity, if the file does not say")
     mask: str = Field("auto", description=_MASK)

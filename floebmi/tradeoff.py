@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from floebmi.model import Model
+    from floebmi.scene import Schedule
 
 NUDGED = "nudged"  # ends the name of the reference whose floes are moved by NUDGE of their radius
 NUDGE = 1e-6
@@ -80,8 +81,8 @@ class Measured(NamedTuple):
 # ---- the dials --------------------------------------------------------------------------------------
 
 
-def settings(scene: Scene, model: "Model") -> dict[str, list[str]]:
-    """What is tried of each dial of a scene, as texts for `--set`; the model is that of the scene."""
+def settings(scene: Scene, model: "Model", schedule: "Schedule") -> dict[str, list[str]]:
+    """What is tried of each dial of a scene, as texts for `--set`; model and schedule are those of the scene."""
     law, step = model.contact, model.step
     dials: dict[str, list[str]] = {}
     bounded = bool(model.wall_edges)
@@ -105,7 +106,7 @@ def settings(scene: Scene, model: "Model") -> dict[str, list[str]]:
     if model.ocean is not None or model.atmosphere is not None:
         if scene.sampling == "overlap" and scene.grid is not None:
             dials["sampling"] = ["sampling=centre"]
-        exchange, every = scene.schedule().exchange, scene.schedule().every
+        exchange, every = schedule.exchange, schedule.every
         longer = [by * exchange for by in (2, 3, 4) if every % (by * exchange) == 0]
         dials["exchange"] = [f"time.exchange={e:g}" for e in longer]
     return {dial: texts for dial, texts in dials.items() if texts}
@@ -140,7 +141,8 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
         free = model.floes.active & (model.floes.motion == 0)
         model.floes.x[free] += NUDGE * model.floes.radius[free]
     grid = _grid(scene, model)
-    schedule = scene.schedule(parameters["duration"])
+    # frames of all settings are of the same times, which a scene may leave to its exchange
+    schedule = scene.schedule(parameters["duration"])._replace(every=parameters["every"])
     drive = Forcing(model, built.ocean, built.atmosphere)
     frames, spent, first, drift = [], 0.0, 0.0, np.zeros(2)
     for k in range(1, round(schedule.duration / schedule.exchange) + 1):
@@ -264,23 +266,26 @@ def tradeoff(
         raise InputError(f"error = {error!r}: must be between 0 and 1")
     if seeds < 1:
         raise InputError(f"seeds = {seeds!r}: must be at least 1")
-    built = scene.build()
-    dials, fine = settings(scene, built.model), reference(scene, built.model)
+    built, schedule = scene.build(), scene.schedule(duration)
+    if schedule.duration < schedule.every:
+        raise InputError(
+            f"duration = {schedule.duration:g} s: shorter than the time between frames, {schedule.every:g} s"
+        )
+    dials, fine = settings(scene, built.model, schedule), reference(scene, built.model)
     if not fine:
         raise InputError(f"{scene.file}: has neither contacts nor fluids: there is no dial to turn")
     tried = [fine, f"{fine} {NUDGED}", "", *(text for texts in dials.values() for text in texts)]
     # what moves is moved by forces, or moves by itself and keeps its momentum
     usual = ("transport", "drift", "velocity") if scene.forces() else ("transport", "velocity")
-    schedule = scene.schedule(duration)
     if budget is not None:
-        schedule = schedule._replace(
-            duration=_affordable(scene, built, budget, len(tried), seeds, jobs)
-        )
+        length = _affordable(schedule, built, budget, len(tried), seeds, jobs)
+        schedule = schedule._replace(duration=length)
     shared = {
         "scene": str(scene.file),
         "text": _hash(scene.text),
         "overrides": overrides,
         "duration": schedule.duration,
+        "every": schedule.every,
     }
     members = to.with_name(f"{to.name}.members")
 
@@ -311,10 +316,10 @@ def tradeoff(
 
 
 def _affordable(
-    scene: Scene, built: Built, budget: float, settings: int, seeds: int, jobs: int | None
+    schedule: "Schedule", built: Built, budget: float, settings: int, seeds: int, jobs: int | None
 ) -> float:
     """The part of a scene's time [s] for which all runs fit into `budget` minutes; whole frames of it."""
-    schedule, model, begin = scene.schedule(), built.model, None
+    model, begin = built.model, None
     drive = Forcing(model, built.ocean, built.atmosphere)
     for k in range(4):  # the first compiles
         drive.fill(model.time)

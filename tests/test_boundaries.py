@@ -6,7 +6,7 @@ import pytest
 from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, Elastic, Restitution, frictional
 from floebmi.dynamics import Step
-from floebmi.errors import InputError
+from floebmi.errors import InputError, StabilityError
 from floebmi.floes import COAST, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.kernels import BLOCK
@@ -64,6 +64,30 @@ def test_a_moving_wall_does_the_work_that_the_floes_gain():
     assert floes.u[1] > 2.0
     assert model.ledger.accounts["walls"][3] > 0
     assert_books_close(model, energy=1e-2)
+
+
+def pressed_row(mass, damping, step=Step()):
+    """Two floes between a wall that stands and one that is loaded, all of it along one line."""
+    walls = [Wall("south"), Wall("north", 40.3, normal_stress=1e4, mass=mass, damping=damping)]
+    return Model(box(), Floes(50.0, [10.0, 30.1], 10.0, 1.0), Contact(), walls=walls, step=step)
+
+
+@pytest.mark.parametrize("mass", [10.0, 1e5, 1e7])
+def test_the_load_of_a_wall_is_no_energy_of_the_ice(mass):
+    step = pressed_row(mass, 0.0).longest_step()
+    model = pressed_row(mass, 0.0, Step(length=step))
+    model.advance(500 * step)
+    assert model.ledger.accounts["walls"][3] > 1.0
+    assert_books_close(model, energy=1e-10)
+
+
+def test_a_wall_lighter_than_its_floes_sets_the_step():
+    usual = pressed_row(1e9, 1.0).longest_step()
+    step = pressed_row(10.0, 1.0).longest_step()
+    assert step < 0.31 * 2.0 * np.sqrt(10.0 / 2e7) < 0.1 * usual
+    pressed_row(10.0, 1.0).advance(500 * step)
+    with pytest.raises(StabilityError):  # a step for the floes alone is too long
+        pressed_row(10.0, 1.0, Step(length=usual)).advance(500 * step)
 
 
 def packed_box(stress, law=Contact(dashpot=Restitution(0.2))):
@@ -247,6 +271,8 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(walls=[Wall("west"), Wall("west")]), "two walls"),
         (dict(walls=[Wall("west")], contact=None), "contact law"),
         (dict(inflow=Inflow("west", SingleSize(80.0))), "narrower"),
+        (dict(inflow=Inflow("west", SingleSize(5.0), span=(60.0, 20.0))), "a stretch of the edge"),
+        (dict(inflow=Inflow("west", SingleSize(5.0), span=(-20.0, 60.0))), "from 0 to 100 m"),
         (dict(sampling="exact"), "sampling"),
         (dict(walls=[Wall("west", position=np.nan)]), "Wall.position"),
         (dict(walls=[Wall("west", normal_stress=1e3, mass=-1.0)]), "Wall.mass"),

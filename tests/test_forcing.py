@@ -557,6 +557,23 @@ def test_the_level_nearest_to_the_depth_is_taken_and_other_dimensions_must_be_ch
         VelocityFile(members, grid, select={"member": 3})
 
 
+def test_of_wind_at_several_heights_that_at_10_m_is_taken_and_of_pressures_none():
+    data = metres(1.0, 0.0).rename(uo="u10", vo="v10")
+    levels = xr.concat([data * k for k in (7.0, 9.0, 8.0)], dim="height")
+    levels = levels.assign_coords(height=("height", [2.0, 100.0, 10.0], {"units": "m"}))
+    levels.u10.attrs = M_PER_S | {"standard_name": "x_wind"}
+    levels.v10.attrs = M_PER_S | {"standard_name": "y_wind"}
+    grid = square()
+    assert velocity(VelocityFile(levels, grid, kind="wind"), grid)[0][0] == pytest.approx(8.0)
+    low = VelocityFile(levels, grid, kind="wind", depth=2.0)
+    assert velocity(low, grid)[0][0] == pytest.approx(7.0)
+    levels.height.attrs = {"units": "hPa", "axis": "Z"}
+    with pytest.raises(InputError, match="'height' are not in metres: choose with select"):
+        VelocityFile(levels, grid, kind="wind")
+    third = VelocityFile(levels, grid, kind="wind", select={"height": 1})
+    assert velocity(third, grid)[0][0] == pytest.approx(9.0)
+
+
 @pytest.mark.parametrize(
     "option, word",
     [

@@ -324,6 +324,14 @@ def test_a_field_that_no_law_reads_is_refused_rather_than_passed_over():
         ice.run_one_step(1.0)
 
 
+def test_an_input_that_somebody_took_away_is_missed_in_one_line():
+    grid = forced(RasterModelGrid((9, 10), xy_spacing=1000.0))
+    ice = SeaIceFloes(grid, floes=some_floes())
+    grid.at_node.pop(U)
+    with pytest.raises(InputError, match=f"{U}: is not at the grid's nodes"):
+        ice.run_one_step(1.0)
+
+
 def test_floes_are_a_data_record_with_the_cell_of_each():
     grid = RasterModelGrid((6, 6), xy_spacing=1000.0)
     ice = SeaIceFloes(
@@ -450,6 +458,9 @@ def test_a_step_of_zero_changes_nothing():
     ice.run_one_step(0.0)
     np.testing.assert_array_equal(grid.at_node[ICE_U], before)
     assert ice.model.time == 60.0
+    line = ice.ledger[-1]
+    assert not line.from_host.any() and not line.to_host.any() and line.relative <= 1e-12
+    assert line.turnover == ice.ledger[0].turnover > 0
 
 
 def test_cells_of_a_grid_have_the_areas_that_landlab_counts():

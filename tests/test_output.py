@@ -135,6 +135,29 @@ def test_latitude_and_longitude_are_those_of_the_projection(run, gridded, floes)
     assert gridded.crs.attrs["latitude_of_projection_origin"] == 90.0
 
 
+@pytest.mark.parametrize(
+    "projection, name",
+    [
+        ("EPSG:3408", "lambert_azimuthal_equal_area"),  # EASE grid: on a sphere
+        ("+proj=laea +lat_0=78 +lon_0=-5 +R=6371229 +x_0=7", "lambert_azimuthal_equal_area"),
+        ("+proj=eqc +R=6371000", None),  # no projection of CF
+    ],
+)
+def test_projections_on_a_sphere_and_those_that_cf_does_not_know_are_written(
+    tmp_path, projection, name
+):
+    import pyproj
+
+    gridded, _, _ = small_run(tmp_path, frames=1, projection=projection)
+    attributes = open_strictly(gridded).crs.attrs
+    assert attributes.get("grid_mapping_name") == name
+    wkt = attributes.pop("crs_wkt")
+    readings = [pyproj.CRS.from_wkt(wkt)] + ([pyproj.CRS.from_cf(attributes)] if name else [])
+    for reading in readings:
+        back = pyproj.Transformer.from_crs(reading, projection, always_xy=True)
+        np.testing.assert_allclose(back.transform(3e5, -2e5), (3e5, -2e5), atol=1e-6)
+
+
 def test_attributes_tell_what_made_the_file(run, gridded, floes):
     for data in (gridded, floes):
         assert data.attrs["Conventions"].startswith("CF-1.11")

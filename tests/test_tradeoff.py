@@ -56,7 +56,7 @@ MARK = {"floebmi_file": "tradeoff 1"}
 def few_dials(monkeypatch):
     """Dials that all run the same machine code."""
     dials = {"step": ["step.fraction=0.3"], "stiffness": ["contact.youngs_modulus=5e+06"]}
-    monkeypatch.setattr(tradeoff, "settings", lambda scene, model: dials)
+    monkeypatch.setattr(tradeoff, "settings", lambda scene, model, schedule: dials)
 
 
 def scene_file(folder, text):
@@ -198,6 +198,7 @@ def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_refere
         ({"of": "speed"}, "of = 'speed': must be one of transport, drift"),
         ({"seeds": 0}, "seeds = 0: must be at least 1"),
         ({"duration": -1.0}, "duration = -1.0: must be greater than 0"),
+        ({"duration": 9.0}, "duration = 9 s: shorter than the time between frames, 15 s"),
     ],
 )
 def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path, how, told):
@@ -207,11 +208,24 @@ def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path,
     assert not list(tmp_path.glob("*.members"))
 
 
+def test_settings_are_compared_at_the_same_times_where_the_scene_has_none_for_its_frames(tmp_path):
+    path = scene_file(
+        tmp_path,
+        QUIET.replace("every = 15", "").replace("duration = 60", "duration = 60\nexchange = 10"),
+    )
+    every = read_scene(path).schedule().every
+    assert read_scene(path, ["time.exchange=2.5"]).schedule().every != every
+    shared = {"scene": str(path), "overrides": [], "duration": 60.0, "every": every}
+    for setting in ("", "time.exchange=2.5"):
+        made = tradeoff.member(shared | {"setting": setting}, seed=1)
+        np.testing.assert_array_equal(made["time"], every * np.arange(1, 7))
+
+
 def test_each_dial_of_a_packaged_scene_is_one_that_the_scene_takes():
     for name in ("shear-cell", "strait", "periodic-box", "two-floes"):
         scene = read_scene(name)
         model = scene.build().model
-        for texts in tradeoff.settings(scene, model).values():
+        for texts in tradeoff.settings(scene, model, scene.schedule()).values():
             for text in [*texts, tradeoff.reference(scene, model)]:
                 read_scene(name, text.split())
 
@@ -244,3 +258,14 @@ def test_a_calibration_is_kept_for_scenes_of_its_kind(tmp_path, monkeypatch):
     assert list(json.loads(file.read_text())) == [calibration.kind(model)]
     other = read_scene(path, ["contact=none"]).build().model
     assert calibration.stored(other) is None
+
+
+def test_a_calibration_does_not_run_beyond_the_end_of_its_scene(tmp_path, monkeypatch):
+    """After it floes may have left, and steps of no floe cost nothing."""
+    monkeypatch.setattr(calibration, "MEASURED_FOR", 0.0)
+    path = scene_file(tmp_path, QUIET)
+    for duration in (60.0, None):
+        built = read_scene(path).build()
+        cost = calibration.measure(built, duration)
+        assert (built.model.time <= 60.0) == (duration is not None)
+        assert cost.floe_step > 0
