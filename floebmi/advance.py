@@ -600,10 +600,7 @@ class Advance:
         return self.elastic_energy() - 0.125 * self.state.counters.last_step**2 * press
 
     def _press(self) -> tuple[float, float]:
-        """Σ|F|²/m [N²/kg] and the power Σ F·u [W] of the contact forces; 0 where the scheme keeps no energy.
-
-        Of a wall, F² is what the ice pushes times all that pushes: what its load does is no energy of the ice.
-        """
+        """Σ|F|²/m [N²/kg] and the power Σ F·u [W] of the contact forces; 0 where the scheme keeps no energy."""
         keeps = self.step.scheme == "verlet" and self.contact is not None
         if not keeps or self.contact.dashpot is not None:
             return 0.0, 0.0
