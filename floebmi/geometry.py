@@ -88,13 +88,16 @@ def disc_polygon(corner_x, corner_y, x, y, r):
 
 
 @jit
-def arcsine(s):
-    """asin(s) to round-off, for |s| <= 1, by the rational function of fdlibm (Sun, e_asin.c, 1993).
+def arcsine(x, r):
+    """asin(x/r) to round-off, for |x| <= r, by the rational function of fdlibm (Sun, e_asin.c, 1993).
 
-    It compiles inline, where the C library's takes as long as all the rest of `disc_west`.
+    It compiles inline, where the C library's takes as long as all the rest of `disc_west`.  And of a line that all
+    but touches the disc it knows r − |x| exactly, where x/r has lost it.
     """
+    over = 1.0 / r
+    s = x * over
     far = abs(s) > 0.5
-    z = 0.5 * (1.0 - abs(s)) if far else s * s
+    z = 0.5 * (r - abs(x)) * over if far else s * s
     above = 2.01212532134862925881e-01 + z * (-4.00555345006794114027e-02 + z * (
         7.91534994289814532176e-04 + z * 3.47933107596021167570e-05
     ))  # fmt: skip
@@ -117,7 +120,7 @@ def disc_west(x, r):
         return 0.0
     if x >= r:
         return math.pi * r * r
-    return r * r * (0.5 * math.pi + arcsine(x / r)) + x * math.sqrt((r - x) * (r + x))
+    return r * r * (0.5 * math.pi + arcsine(x, r)) + x * math.sqrt((r - x) * (r + x))
 
 
 @jit
