@@ -333,6 +333,22 @@ def test_drag_once_in_several_steps_gives_its_whole_impulse_and_nearly_the_same_
     assert seldom.floes.x == pytest.approx(each.floes.x, abs=0.004)
 
 
+@pytest.mark.parametrize("every", [1, 3])
+def test_drag_on_waves_takes_from_the_energy_what_is_booked_to_round_off(every):
+    floes = Floes(
+        20.0 * np.arange(4) - 0.02 * np.arange(4), 0.0, 10.0, 1.0, motion=[FIXED, 0, 0, FIXED],
+        u=[0.0, 0.05, -0.02, 0.0],
+    )  # fmt: skip
+    drags = [OceanDrag(horizontal=50.0), AirDrag()]
+    model = Model(DOMAIN, floes, frictional(), drags, step=Step(drag_every=every))
+    model.advance(20.0)
+    balance, ledger = model.ledger.balance("energy"), model.ledger
+    assert ledger.accounts["ocean drag"][3] < -0.03 * ledger.start[3]
+    assert balance.relative < 1e-12
+    seen = 0.5 * floes.mass(934.0) @ floes.u**2 + model.contacts().energy.sum()
+    assert abs(seen - ledger.now[3]) > 1e-6 * ledger.start[3]  # control: as the floes are seen
+
+
 @pytest.mark.parametrize("k", [0, 2.5, True])
 def test_a_number_of_steps_that_is_none_is_refused(k):
     with pytest.raises(InputError, match=r"Step.drag_every = .*must be"):
