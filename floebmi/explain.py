@@ -195,7 +195,7 @@ def _step_text(model: "Model", exchange: float) -> str:
     if step.length is not None:
         return f"{longest:.4g} s, as [step] length says ({step.scheme})"
     if not np.isfinite(longest) or longest >= exchange:
-        return f"one per exchange: nothing stiff limits it ({step.scheme})"
+        return f"one per exchange, or more where drag acts faster: nothing stiff limits it ({step.scheme})"
     if step.epsilon is not None:
         return f"{longest:.4g} s: Eq. 4 with ε = {step.epsilon:g} ({step.scheme})"
     floes = model.floes

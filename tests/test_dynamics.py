@@ -333,6 +333,24 @@ def test_drag_once_in_several_steps_gives_its_whole_impulse_and_nearly_the_same_
     assert seldom.floes.x == pytest.approx(each.floes.x, abs=0.004)
 
 
+def test_a_floe_that_drifts_freely_goes_as_far_in_one_long_exchange_as_in_many_short_ones():
+    def way(exchanges, step):
+        floes = Floes(0.0, 0.0, 1000.0, 1.0, u=0.5)
+        forces = [OceanDrag(), AirDrag(), Coriolis(1.4e-4)]
+        model = Model(Domain((-1e5, 1e5), (-1e5, 1e5)), floes, forces=forces, step=step)
+        model.atmosphere.u[:] = 10.0
+        for _ in range(exchanges):
+            model.advance(21600.0 / exchanges)
+        return np.array([floes.x[0], floes.y[0]])
+
+    def error(step):
+        return np.linalg.norm(way(1, step) - far) / np.linalg.norm(far)
+
+    far = way(1000, Step())
+    assert error(Step()) < 0.003
+    assert error(Step(length=21600.0)) > 0.03  # control: in one step
+
+
 @pytest.mark.parametrize("every", [1, 3])
 def test_drag_on_waves_takes_from_the_energy_what_is_booked_to_round_off(every):
     floes = Floes(
