@@ -64,9 +64,6 @@ from floebmi.pairs import emptied, near_of, room_for_blows
 from floebmi.threads import verlet as verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
-WAY_RESOLUTION = (
-    0.25  # the same of a step without contacts, in which the velocity for the way is one
-)
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
 CLOSING = 0.3
 NARROWEST, WIDEST = 3.0, 6.0  # how much wider than that the list of pairs is
@@ -483,7 +480,7 @@ class Advance:
         rest, dt = duration - done, self.longest_step()
         if self.step.length is None and self.step.epsilon is None:
             if self.contact is None:  # nothing else says how long a way at one velocity may be
-                dt = min(dt, WAY_RESOLUTION / self.rate.max(initial=1e-300))
+                dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
             steps = max(1, int(np.ceil(rest / dt - 1e-9)))
             dt = rest / steps
         else:
