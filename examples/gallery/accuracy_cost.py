@@ -11,11 +11,11 @@ from numpy.linalg import norm
 from floebmi.plot import graph
 from floebmi.tradeoff import member
 
-case = {"scene": "labrador-sea", "overrides": [], "duration": 21600.0}
+case = {"scene": "labrador-sea", "overrides": [], "duration": 21600.0, "every": 21600.0}
 settings = {
     "reference": "step.fraction=0.1 time.exchange=1800",
     "as it is": "",
-    "long steps": "step.fraction=0.8",
+    "short steps": "step.fraction=0.3",
     "soft ice": "contact.youngs_modulus=3e5",
     "rare drag": "step.drag_every=16",
     "no small floes": "floes.smallest=13e3",
