@@ -6,9 +6,9 @@
 A step of the default scheme is kick, push, kick, drift, touch: half a velocity step under the contact forces,
 the other forces (forces.py, one linearly implicit step), the second half kick, the way, and the contact forces at
 the new place.  It is of second order, and keeps the energy of an undamped pack; the other forces act on the
-velocities that this energy is made of, so that their work is what it changes by.  A contact that opens or closes within a step acts only for its part of it (eq. part-of-a-step): `touch`
-notes the difference, and when the forces are known the two floes are struck with it.  `taylor2` and `taylor3`
-are the paper's schemes (Eq. 4, its text).
+velocities that this energy is made of, so that their work is what it changes by.  A contact that opens or closes
+within a step acts only for its part of it (eq. part-of-a-step): `touch` notes the difference, and when the forces
+are known the two floes are struck with it.  `taylor2` and `taylor3` are the paper's schemes (Eq. 4, its text).
 
 Kernels work on packed floes: active ones only, sorted in space, what a contact reads of a floe in one line
 of the cache.  Which fields exist, and which arrays, follows from the laws: see `pack.py`.
@@ -160,7 +160,7 @@ class Books(NamedTuple):
     lost: np.ndarray
 
 
-# ---- kick, drift, touch -----------------------------------------------------------------------------
+# ---- kick, push, drift, touch -----------------------------------------------------------------------
 
 
 @inner
@@ -174,7 +174,7 @@ def kick(p, first, n, dt, constraint):
 
 @inner
 def kick_one(p, k, dt, kept):
-    """kept : 1, or 0 where the forces are used up"""
+    """`kick` for one floe; kept : 1, or 0 where its force is used up."""
     floe, f = p.floes[k], p.force[k]
     floe.u += dt * p.inverse_x[k] * f.x
     floe.v += dt * p.inverse_y[k] * f.y
