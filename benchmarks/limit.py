@@ -125,21 +125,8 @@ def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)
     none, books = np.zeros(1, np.int64), now._books()
     scene = laws, (), (), now.packed, lists, now.walls
-    what = (
-        *scene,
-        0,
-        tiles,
-        False,
-        True,
-        dt,
-        dt,
-        dt,
-        none,
-        False,
-        books,
-        (*now.buffers, lists.blows),
-    )
-    return lambda: sweep(*what)
+    what = 0, tiles, False, True, (dt, 0.0), dt, 0.0, none, books, (*now.buffers, lists.blows)
+    return lambda: sweep(*scene, *what)
 
 
 def main() -> None:
