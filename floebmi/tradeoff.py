@@ -29,7 +29,7 @@ from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
 from floebmi.output import FILE_VERSION, open_file
 from floebmi.running import Forcing
-from floebmi.scene import Built, Scene, read_scene
+from floebmi.scene import Built, Scene, Schedule, read_scene
 from floebmi.vorticity import gradient_operators
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from floebmi.model import Model
-    from floebmi.scene import Schedule
 
 NUDGED = "nudged"  # ends the name of the reference whose floes are moved by NUDGE of their radius
 NUDGE = 1e-6
@@ -81,7 +80,7 @@ class Measured(NamedTuple):
 # ---- the dials --------------------------------------------------------------------------------------
 
 
-def settings(scene: Scene, model: "Model", schedule: "Schedule") -> dict[str, list[str]]:
+def settings(scene: Scene, model: "Model", schedule: Schedule) -> dict[str, list[str]]:
     """What is tried of each dial of a scene, as texts for `--set`; model and schedule are those of the scene."""
     law, step = model.contact, model.step
     dials: dict[str, list[str]] = {}
@@ -316,7 +315,7 @@ def tradeoff(
 
 
 def _affordable(
-    schedule: "Schedule", built: Built, budget: float, settings: int, seeds: int, jobs: int | None
+    schedule: Schedule, built: Built, budget: float, settings: int, seeds: int, jobs: int | None
 ) -> float:
     """The part of a scene's time [s] for which all runs fit into `budget` minutes; whole frames of it."""
     model, begin = built.model, None
