@@ -15,6 +15,7 @@ from floebmi.bonds import (
     beam_of,
     bending,
     bending_ratio,
+    fibre_stress,
     hold,
     tied,
 )
@@ -486,7 +487,7 @@ def pair_force(
     was_bonded = bonded > 0.0
     modulus = law.elastic.youngs_modulus
     shear = modulus * stiffness_ratio(beam) * abs(slip + slip_rate * dt) / mean_radius
-    fibre = 6.0 * modulus * bending_ratio(beam) * abs(bent + turn_rate * dt)
+    fibre = fibre_stress(beam, modulus, bent + turn_rate * dt)
     held = hold(law.bonds, sigma, modulus, mean_radius, gap, shear, fibre, bonded, dt)
     now_bonded = 0.0 if failing else held
     touching = gap < 0.0 or now_bonded > 0.0

@@ -167,43 +167,42 @@ class Books(NamedTuple):
 def kick(p, first, n, dt, constraint):
     """Contact forces change the velocities of a block of floes for a time dt; held ones are booked."""
     if p.held.size > 0:
-        hold_kick(p, first, n, dt, constraint)
+        hold_kick(p, first, n, dt, 1.0, constraint)
     for k in range(first, first + n):
-        kick_one(p, np.uintp(k), dt, 1.0)
+        k = np.uintp(k)
+        kick_one(p, k, p.inverse_x[k], p.inverse_y[k], dt)
 
 
 @inner
-def kick_one(p, k, dt, kept):
-    """`kick` for one floe; kept : 1, or 0 where its force is used up."""
+def kick_one(p, k, inverse_x, inverse_y, dt):
     floe, f = p.floes[k], p.force[k]
-    floe.u += dt * p.inverse_x[k] * f.x
-    floe.v += dt * p.inverse_y[k] * f.y
-    f.x *= kept
-    f.y *= kept
-    kick_spin(p.spinning, p.inverse_spin, f, k, dt, kept)
+    floe.u += dt * inverse_x * f.x
+    floe.v += dt * inverse_y * f.y
+    kick_spin(p.spinning, p.inverse_spin, f, k, dt)
 
 
 @dispatched
-def kick_spin(spinning, inverse_spin, f, k, dt, kept):
+def kick_spin(spinning, inverse_spin, f, k, dt):
     spinning[k].omega += dt * inverse_spin[k] * f.torque
-    f.torque *= kept
 
 
 @kick_spin.register
-def _(spinning: None, inverse_spin, f, k, dt, kept):
+def _(spinning: None, inverse_spin, f, k, dt):
     pass
 
 
 @inner
-def hold_kick(p, first, n, dt, constraint):
-    """What holds an axis takes up the contact forces along it."""
+def hold_kick(p, first, n, dt, kept, constraint):
+    """What holds an axis takes up the contact forces along it; kept : 1, or 0 where that uses them up."""
     for k in range(first, first + n):
         if p.inverse_x[k] == 0.0:
             constraint[0] -= dt * p.force[k].x
             constraint[2] -= dt * p.force[k].x * p.floes[k].u
+            p.force[k].x *= kept
         if p.inverse_y[k] == 0.0:
             constraint[1] -= dt * p.force[k].y
             constraint[2] -= dt * p.force[k].y * p.floes[k].v
+            p.force[k].y *= kept
     hold_kick_back(p.spinning, p.force, p.inverse_spin, first, n, dt, constraint)
 
 
@@ -261,11 +260,13 @@ def glide(p, begin, end, kicked, dt, constraint):
     """Kick and drift floes, which uses up the contact forces; returns the largest speed²."""
     fastest = 0.0
     if p.held.size > 0:
-        hold_kick(p, begin, end - begin, kicked, constraint)
+        hold_kick(p, begin, end - begin, kicked, 0.0, constraint)
     for k in range(begin, end):
         k = np.uintp(k)
-        kick_one(p, k, kicked, 0.0)
         floe = p.floes[k]
+        # of a held axis no force is left: one inverse mass serves both, and is in the floe's own line of the cache
+        kick_one(p, k, floe.w, floe.w, kicked)
+        forget_one(p.spinning, p.force[k])
         floe.x += dt * floe.u
         floe.y += dt * floe.v
         fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
@@ -460,7 +461,7 @@ def _(inverse: None, wall_law, floes, force, k, wall, along_x, f, opening, dt, c
 def lean(force, begin, end, dt, kept, constraint):
     """Pieces of coast take up the contact forces on them; what turns them matters to nothing.
 
-    kept : see `kick`
+    kept : see `hold_kick`
     """
     x = y = 0.0
     for k in range(begin, end):
@@ -608,8 +609,8 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
             )
         if tile > first:  # the blows of the tile before, for which this one's forces are known now
             strike_floes(
-                laws.contact, inverse, p.floes, p.spinning, blows[(tile - 1) % 2], before, dt,
-                p.force, books.held[tile - 1], books.lost[tile - 1],
+                laws.contact, lists.pairs.slip, inverse, p.floes, p.spinning, blows[(tile - 1) % 2],
+                before, dt, p.force, books.held[tile - 1], books.lost[tile - 1],
             )  # fmt: skip
     return fastest
 
@@ -797,19 +798,23 @@ def _(spinning: None, p, k, ahead, dt, constraint):
 def forget(spinning, force):
     """Forces of the last step are used up."""
     for k in range(force.size):
-        force[k].x = 0.0
-        force[k].y = 0.0
-    forget_torque(spinning, force)
+        forget_one(spinning, force[k])
+
+
+@inner
+def forget_one(spinning, f):
+    f.x = 0.0
+    f.y = 0.0
+    forget_torque(spinning, f)
 
 
 @dispatched
-def forget_torque(spinning, force):
-    for k in range(force.size):
-        force[k].torque = 0.0
+def forget_torque(spinning, f):
+    f.torque = 0.0
 
 
 @forget_torque.register
-def _(spinning: None, force):
+def _(spinning: None, f):
     pass
 
 
