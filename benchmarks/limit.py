@@ -114,7 +114,7 @@ def bytes_of_a_step(model: fb.Model) -> float:
     contact_forces(now, model.step.length)
     close = int(now.lists.near.counts.sum())
     both = [p.floes, p.force, p.angle, near.slip[:close]]  # read and written
-    only = [p.inverse_x, p.inverse_y, p.inverse_spin, near.i[:close], near.j[:close]]  # read
+    only = [p.inverse_spin, near.i[:close], near.j[:close]]  # read
     return (2 * sum(a.nbytes for a in both) + sum(a.nbytes for a in only)) / n
 
 
