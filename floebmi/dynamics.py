@@ -20,20 +20,13 @@ import numpy as np
 
 from floebmi.contact import Contact, Coulomb, blow, pair_force
 from floebmi.forces import (
-    A_X,
-    A_Y,
-    ALPHA,
     D_OMEGA,
     D_U,
     D_V,
     IMPULSE,
-    J_XX,
-    J_XY,
-    J_YX,
-    J_YY,
     OMEGA,
-    SLOPE,
     TWIST,
+    Push,
     U,
     V,
     book,
@@ -237,18 +230,15 @@ def _(walls: None, dt, ahead):
 
 
 @inner
-def kick_and_push(forces, at, p, first, n, kicked, pushed, parts, constraint, buffer):
-    """Kick a block of floes, then let the other forces act for a time `pushed` in some parts."""
-    kick(p, first, n, kicked, constraint)
+def push_block(forces, at, p, first, n, kicked, pushed, parts, constraint, buffer):
+    """Kick a block of floes whose held axes have no force, then let the other forces act for a time in some parts."""
     for k in range(n):
-        floe = p.floes[np.uintp(first + k)]
-        buffer[U + k], buffer[V + k] = floe.u, floe.v
-    read_spin(p.spinning, first, n, buffer)
+        floe, f = p.floes[np.uintp(first + k)], p.force[np.uintp(first + k)]
+        buffer[U + k] = floe.u + kicked * floe.w * f.x
+        buffer[V + k] = floe.v + kicked * floe.w * f.y
+    read_spin(p.spinning, p.inverse_spin, p.force, first, n, kicked, buffer)
     for _ in range(parts):
-        push(
-            forces, at, first, n, p.mass, p.inertia, p.inverse_x, p.inverse_y, p.inverse_spin,
-            p.held, pushed / parts, constraint, buffer,
-        )  # fmt: skip
+        push(forces, at, p, first, n, pushed / parts, constraint, buffer)
     for k in range(n):
         floe = p.floes[np.uintp(first + k)]
         floe.u, floe.v = buffer[U + k], buffer[V + k]
@@ -256,15 +246,13 @@ def kick_and_push(forces, at, p, first, n, kicked, pushed, parts, constraint, bu
 
 
 @inner
-def glide(p, begin, end, kicked, dt, constraint):
-    """Kick and drift floes, which uses up the contact forces; returns the largest speed²."""
+def glide(p, begin, end, kicked, dt):
+    """Kick and drift floes whose held axes have no force, which uses up the forces; returns the largest speed²."""
     fastest = 0.0
-    if p.held.size > 0:
-        hold_kick(p, begin, end - begin, kicked, 0.0, constraint)
     for k in range(begin, end):
         k = np.uintp(k)
         floe = p.floes[k]
-        # of a held axis no force is left: one inverse mass serves both, and is in the floe's own line of the cache
+        # one inverse mass serves both axes, and is in the floe's own line of the cache
         kick_one(p, k, floe.w, floe.w, kicked)
         forget_one(p.spinning, p.force[k])
         floe.x += dt * floe.u
@@ -285,13 +273,15 @@ def _(spinning: None, angle, k, dt):
 
 
 @dispatched
-def read_spin(spinning, first, n, buffer):
+def read_spin(spinning, inverse_spin, force, first, n, kicked, buffer):
     for k in range(n):
-        buffer[OMEGA + k] = spinning[np.uintp(first + k)].omega
+        floe = np.uintp(first + k)
+        change = kicked * inverse_spin[floe] * force[floe].torque
+        buffer[OMEGA + k] = spinning[floe].omega + change
 
 
 @read_spin.register
-def _(spinning: None, first, n, buffer):
+def _(spinning: None, inverse_spin, force, first, n, kicked, buffer):
     pass
 
 
@@ -324,77 +314,88 @@ def _(walls: None, dt):
 
 
 @inner
-def push(
-    forces, at, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held, h, constraint, buffer
-):  # fmt: skip
-    """The other forces on a block of floes: (1 − h/2 Σ J) δu = h Σ a; a held axis keeps its velocity."""
-    half, block = 0.5 * h, first // BLOCK
-    buffer[A_X : SLOPE + BLOCK] = 0.0
-    total(forces, at, block, n, buffer)
+def push(forces, at, p, first, n, h, constraint, buffer):
+    """The other forces on a block of floes for a time h; a held axis keeps its velocity."""
+    block = first // BLOCK
     for k in range(n):
-        floe = np.uintp(first + k)
-        free_x, free_y = inverse_x[floe] > 0.0, inverse_y[floe] > 0.0
-        ax, xx, xy = buffer[A_X + k], buffer[J_XX + k], buffer[J_XY + k]
-        ay, yx, yy = buffer[A_Y + k], buffer[J_YX + k], buffer[J_YY + k]
-        ax, xx, xy = (ax, xx, xy) if free_x else (0.0, 0.0, 0.0)
-        ay, yx, yy = (ay, yx, yy) if free_y else (0.0, 0.0, 0.0)
-        m11, m12, m21, m22 = 1.0 - half * xx, -half * xy, -half * yx, 1.0 - half * yy
-        scale = h / (m11 * m22 - m12 * m21)
-        buffer[D_U + k] = scale * (m22 * ax - m12 * ay)
-        buffer[D_V + k] = scale * (m11 * ay - m21 * ax)
+        a = total(forces, at, block, k, buffer[U + k], buffer[V + k])
+        buffer[D_U + k], buffer[D_V + k] = implicit(a, h)
+    if p.held.size > 0:
+        hold_push(forces, at, p, first, n, h, constraint, buffer)
     for k in range(n):
-        buffer[IMPULSE + k] = mass[np.uintp(first + k)] * h
+        buffer[IMPULSE + k] = p.mass[np.uintp(first + k)] * h
     book(forces, at, block, n, buffer)
-    if held.size > 0:
-        hold_back(first, n, inverse_x, inverse_y, constraint, buffer)
-    push_spin(inverse_spin, forces, at, first, n, inertia, h, held, constraint, buffer)
+    push_spin(p.spinning, forces, at, p, first, n, h, constraint, buffer)
     for k in range(n):
         buffer[U + k] += buffer[D_U + k]
         buffer[V + k] += buffer[D_V + k]
 
 
+@inner
+def implicit(a, h):
+    """δu of (1 − h/2 Σ J) δu = h Σ a, the linearly implicit step of the forces (eq. push)."""
+    half = 0.5 * h
+    m11, m12, m21, m22 = 1.0 - half * a.xx, -half * a.xy, -half * a.yx, 1.0 - half * a.yy
+    scale = h / (m11 * m22 - m12 * m21)
+    return scale * (m22 * a.x - m12 * a.y), scale * (m11 * a.y - m21 * a.x)
+
+
 @dispatched
-def push_spin(inverse_spin, forces, at, first, n, inertia, h, held, constraint, buffer):
+def push_spin(spinning, forces, at, p, first, n, h, constraint, buffer):
     block = first // BLOCK
-    total_spin(forces, at, block, n, buffer)
     for k in range(n):
-        floe = np.uintp(first + k)
-        change = h * buffer[ALPHA + k] / (1.0 - 0.5 * h * buffer[SLOPE + k])
-        buffer[D_OMEGA + k] = change if inverse_spin[floe] > 0.0 else 0.0
+        alpha, slope = total_spin(forces, at, block, k, buffer[OMEGA + k])
+        buffer[D_OMEGA + k] = h * alpha / (1.0 - 0.5 * h * slope)
+    if p.held.size > 0:
+        hold_spin(forces, at, p, first, n, h, constraint, buffer)
     for k in range(n):
-        buffer[TWIST + k] = inertia[np.uintp(first + k)] * h
+        buffer[TWIST + k] = p.inertia[np.uintp(first + k)] * h
     book_spin(forces, at, block, n, buffer)
-    if held.size > 0:
-        hold_spin_back(inverse_spin, first, n, constraint, buffer)
     for k in range(n):
         buffer[OMEGA + k] += buffer[D_OMEGA + k]
 
 
 @push_spin.register
-def _(inverse_spin: None, forces, at, first, n, inertia, h, held, constraint, buffer):
+def _(spinning: None, forces, at, p, first, n, h, constraint, buffer):
     pass
 
 
 @inner
-def hold_back(first, n, inverse_x, inverse_y, constraint, buffer):
-    """What holds an axis takes up the other forces along it."""
+def hold_push(forces, at, p, first, n, h, constraint, buffer):
+    """Floes with a held axis: it keeps its velocity, and what holds it takes up the forces along it."""
     for k in range(n):
-        du, dv = buffer[D_U + k], buffer[D_V + k]
-        if inverse_x[first + k] == 0.0:
-            a = buffer[A_X + k] + 0.5 * (buffer[J_XX + k] * du + buffer[J_XY + k] * dv)
-            constraint[0] -= buffer[IMPULSE + k] * a
-            constraint[2] -= buffer[IMPULSE + k] * a * buffer[U + k]
-        if inverse_y[first + k] == 0.0:
-            a = buffer[A_Y + k] + 0.5 * (buffer[J_YX + k] * du + buffer[J_YY + k] * dv)
-            constraint[1] -= buffer[IMPULSE + k] * a
-            constraint[2] -= buffer[IMPULSE + k] * a * buffer[V + k]
+        free_x, free_y = p.inverse_x[first + k] > 0.0, p.inverse_y[first + k] > 0.0
+        if not (free_x and free_y):
+            a = total(forces, at, first // BLOCK, k, buffer[U + k], buffer[V + k])
+            ax, xx, xy = (a.x, a.xx, a.xy) if free_x else (0.0, 0.0, 0.0)
+            ay, yx, yy = (a.y, a.yx, a.yy) if free_y else (0.0, 0.0, 0.0)
+            du, dv = implicit(Push(ax, ay, xx, xy, yx, yy), h)
+            buffer[D_U + k], buffer[D_V + k] = du, dv
+            hold_back(p, first + k, a, du, dv, h, buffer[U + k], buffer[V + k], constraint)
 
 
 @inner
-def hold_spin_back(inverse_spin, first, n, constraint, buffer):
+def hold_back(p, k, a, du, dv, h, u, v, constraint):
+    """What holds an axis of a floe takes up the other forces along it."""
+    if p.inverse_x[k] == 0.0:
+        impulse = p.mass[k] * h * (a.x + 0.5 * (a.xx * du + a.xy * dv))
+        constraint[0] -= impulse
+        constraint[2] -= impulse * u
+    if p.inverse_y[k] == 0.0:
+        impulse = p.mass[k] * h * (a.y + 0.5 * (a.yx * du + a.yy * dv))
+        constraint[1] -= impulse
+        constraint[2] -= impulse * v
+
+
+@inner
+def hold_spin(forces, at, p, first, n, h, constraint, buffer):
+    """Floes with a held spin keep it, and what holds them takes up the torque."""
     for k in range(n):
-        if inverse_spin[first + k] == 0.0:
-            constraint[2] -= buffer[TWIST + k] * buffer[ALPHA + k] * buffer[OMEGA + k]
+        if p.inverse_spin[first + k] == 0.0:
+            omega = buffer[OMEGA + k]
+            alpha, _ = total_spin(forces, at, first // BLOCK, k, omega)
+            constraint[2] -= p.inertia[first + k] * h * alpha * omega
+            buffer[D_OMEGA + k] = 0.0
 
 
 @dispatched
@@ -483,16 +484,15 @@ def move(
     kicks : before and after the push [s]; pushed : time that the other forces act for [s], 0 where they do not yet
     """
     before, after = kicks
+    if packed.held.size > 0:
+        hold_kick(packed, begin, end - begin, before + after, 0.0, constraint)
     if len(forces) == 0 or pushed == 0.0:
-        return glide(packed, begin, end, before + after, dt, constraint)
+        return glide(packed, begin, end, before + after, dt)
     fastest = 0.0
     for first in range(begin, end, BLOCK):
-        n = min(BLOCK, end - first)
-        kick_and_push(
-            forces, at, packed, first, n, before, pushed, substeps[first // BLOCK], constraint,
-            buffer,
-        )  # fmt: skip
-        fastest = max(fastest, glide(packed, first, first + n, after, dt, constraint))
+        n, parts = min(BLOCK, end - first), substeps[first // BLOCK]
+        push_block(forces, at, packed, first, n, before, pushed, parts, constraint, buffer)
+        fastest = max(fastest, glide(packed, first, first + n, after, dt))
     return fastest
 
 
@@ -510,15 +510,11 @@ def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constr
     kick_walls(walls, kicked, 0.0)
     for tile in range(tiles.coast.size):
         begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
-        if len(forces) == 0 or pushed == 0.0:
-            kick(p, begin, coast - begin, kicked, constraint)
-        else:
+        kick(p, begin, coast - begin, kicked, constraint)
+        if len(forces) > 0 and pushed != 0.0:
             for first in range(begin, coast, BLOCK):
-                n = min(BLOCK, coast - first)
-                kick_and_push(
-                    forces, at, p, first, n, kicked, pushed, substeps[first // BLOCK], constraint,
-                    buffer,
-                )  # fmt: skip
+                n, parts = min(BLOCK, coast - first), substeps[first // BLOCK]
+                push_block(forces, at, p, first, n, 0.0, pushed, parts, constraint, buffer)
         lean(p.force, coast, end, kicked, 1.0, constraint)
 
 
@@ -733,22 +729,20 @@ def taylor(
             n = min(BLOCK, p.floes.size - first)
             for k in range(n):
                 buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
-            read_spin(p.spinning, first, n, buffer)
-            buffer[D_U : SLOPE + BLOCK] = 0.0
+            read_spin(p.spinning, p.inverse_spin, p.force, first, n, 0.0, buffer)
+            buffer[D_U : D_OMEGA + BLOCK] = 0.0
             for k in range(n):
                 buffer[IMPULSE + k] = p.mass[first + k] * dt
-            total(forces, at, first // BLOCK, n, buffer)
             book(forces, at, first // BLOCK, n, buffer)
-            if p.held.size > 0:
-                hold_back(first, n, p.inverse_x, p.inverse_y, constraint, buffer)
             twist(p.spinning, forces, at, first, n, p, dt, constraint, buffer)
             for k in range(n):
                 floe, contact = p.floes[first + k], p.force[first + k]
                 inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
                 previous = p.previous[first + k]
                 ax, ay = inverse_x * contact.x, inverse_y * contact.y
-                ox = buffer[A_X + k] if inverse_x > 0.0 else 0.0
-                oy = buffer[A_Y + k] if inverse_y > 0.0 else 0.0
+                a = total(forces, at, first // BLOCK, k, buffer[U + k], buffer[V + k])
+                hold_back(p, first + k, a, 0.0, 0.0, dt, floe.u, floe.v, constraint)
+                ox, oy = a.x if inverse_x > 0.0 else 0.0, a.y if inverse_y > 0.0 else 0.0
                 jerk_x = inverse_x * (contact.x - previous[0]) if third_order else 0.0
                 jerk_y = inverse_y * (contact.y - previous[1]) if third_order else 0.0
                 floe.x += (floe.u + (0.5 * (ax + ox) + jerk_x / 6.0) * dt) * dt
@@ -757,7 +751,7 @@ def taylor(
                 floe.v += (ay + oy + ahead * jerk_y) * dt
                 previous[0], previous[1] = contact.x, contact.y
                 fastest = max(fastest, floe.u**2 + floe.v**2)
-            taylor_spin(p.spinning, third_order, p, first, n, dt, buffer)
+            taylor_spin(p.spinning, third_order, forces, at, p, first, n, dt, buffer)
         kick_walls(walls.walls, dt, ahead)
         way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
         travelled, since = travelled + way, since + way
@@ -823,10 +817,9 @@ def twist(spinning, forces, at, first, n, p, dt, constraint, buffer):
     """Torques of the fluids at the old spin, and their work."""
     for k in range(n):
         buffer[TWIST + k] = p.inertia[first + k] * dt
-    total_spin(forces, at, first // BLOCK, n, buffer)
     book_spin(forces, at, first // BLOCK, n, buffer)
     if p.held.size > 0:
-        hold_spin_back(p.inverse_spin, first, n, constraint, buffer)
+        hold_spin(forces, at, p, first, n, dt, constraint, buffer)
 
 
 @twist.register
@@ -835,10 +828,11 @@ def _(spinning: None, forces, at, first, n, p, dt, constraint, buffer):
 
 
 @dispatched
-def taylor_spin(spinning, third_order, p, first, n, dt, buffer):
+def taylor_spin(spinning, third_order, forces, at, p, first, n, dt, buffer):
     for k in range(n):
         floe = first + k
-        other = buffer[ALPHA + k] if p.inverse_spin[floe] > 0.0 else 0.0
+        alpha, _ = total_spin(forces, at, first // BLOCK, k, buffer[OMEGA + k])
+        other = alpha if p.inverse_spin[floe] > 0.0 else 0.0
         inverse, torque = p.inverse_spin[floe], p.force[floe].torque
         alpha = inverse * torque
         jerk = inverse * (torque - p.previous[floe, 2]) if third_order else 0.0
@@ -849,5 +843,5 @@ def taylor_spin(spinning, third_order, p, first, n, dt, buffer):
 
 
 @taylor_spin.register
-def _(spinning: None, third_order, p, first, n, dt, buffer):
+def _(spinning: None, third_order, forces, at, p, first, n, dt, buffer):
     pass
