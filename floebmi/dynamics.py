@@ -333,7 +333,7 @@ def push(forces, at, p, first, n, h, constraint, buffer):
 
 @inner
 def implicit(a, h):
-    """δu of (1 − h/2 Σ J) δu = h Σ a, the linearly implicit step of the forces (eq. push)."""
+    """δu of (1 − h/2 Σ J) δu = h Σ a, the step of all forces but contacts (eq. linearly-implicit)."""
     half = 0.5 * h
     m11, m12, m21, m22 = 1.0 - half * a.xx, -half * a.xy, -half * a.yx, 1.0 - half * a.yy
     scale = h / (m11 * m22 - m12 * m21)
