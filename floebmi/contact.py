@@ -1,4 +1,4 @@
-"""Contact between floes: a new law goes here, and only here.
+"""Contact between floes: the equation of a new law goes here, and only here.
 
 A contact law is made of parts, each a few numbers: elasticity, friction, bonds (in bonds.py), a dashpot,
 compressive failure.
@@ -207,7 +207,7 @@ def own(contact: Contact | None) -> dict[str, tuple[float, float]]:
 
 
 def memories(contact: Contact | None) -> tuple[str, ...]:
-    """What a pair remembers from one exchange to the next, by the names of `pack.PairList`."""
+    """What a pair remembers from one exchange to the next, by the names of `pairs.PairList`."""
     if contact is None:
         return ()
     beam, failure = beam_of(contact.bonds), contact.failure

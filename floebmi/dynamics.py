@@ -230,15 +230,15 @@ def _(walls: None, dt, ahead):
 
 
 @inner
-def push_block(forces, at, p, first, n, kicked, pushed, parts, constraint, buffer):
-    """Kick a block of floes whose held axes have no force, then let the other forces act for a time in some parts."""
+def push_block(forces, at, p, first, n, kicked, pushed, substeps, constraint, buffer):
+    """Kick a block of floes whose held axes have no force, then let the other forces act for a time in some sub-steps."""
     for k in range(n):
         floe, f = p.floes[np.uintp(first + k)], p.force[np.uintp(first + k)]
         buffer[U + k] = floe.u + kicked * floe.w * f.x
         buffer[V + k] = floe.v + kicked * floe.w * f.y
     read_spin(p.spinning, p.inverse_spin, p.force, first, n, kicked, buffer)
-    for _ in range(parts):
-        push(forces, at, p, first, n, pushed / parts, constraint, buffer)
+    for _ in range(substeps):
+        push(forces, at, p, first, n, pushed / substeps, constraint, buffer)
     for k in range(n):
         floe = p.floes[np.uintp(first + k)]
         floe.u, floe.v = buffer[U + k], buffer[V + k]
@@ -490,8 +490,8 @@ def move(
         return glide(packed, begin, end, before + after, dt)
     fastest = 0.0
     for first in range(begin, end, BLOCK):
-        n, parts = min(BLOCK, end - first), substeps[first // BLOCK]
-        push_block(forces, at, packed, first, n, before, pushed, parts, constraint, buffer)
+        n, times = min(BLOCK, end - first), substeps[first // BLOCK]
+        push_block(forces, at, packed, first, n, before, pushed, times, constraint, buffer)
         fastest = max(fastest, glide(packed, first, first + n, after, dt))
     return fastest
 
@@ -513,8 +513,8 @@ def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constr
         kick(p, begin, coast - begin, kicked, constraint)
         if len(forces) > 0 and pushed != 0.0:
             for first in range(begin, coast, BLOCK):
-                n, parts = min(BLOCK, coast - first), substeps[first // BLOCK]
-                push_block(forces, at, p, first, n, 0.0, pushed, parts, constraint, buffer)
+                n, times = min(BLOCK, coast - first), substeps[first // BLOCK]
+                push_block(forces, at, p, first, n, 0.0, pushed, times, constraint, buffer)
         lean(p.force, coast, end, kicked, 1.0, constraint)
 
 
@@ -618,16 +618,20 @@ def verlet(
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
 
+        kick and push    `push_block`, in steps in which the other forces act
+        kick and drift   `glide`
+        touch            `touch`, then the blows that it noted
+        kick             with the next step's first, or in `end_steps`
+
     The last half kick of a step and the first of the next are of the same force: they are one kick, unless the other
     forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list is
-    to be made anew between.
+    to be made anew between.  `threads.verlet_in_threads` does the same chunk by chunk: what changes here, changes there.
 
     lag : see `time_to_push`; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
-    first = (
-        last - last
-    )  # a zero, but no literal: for one the compiler would make kernels of their own
+    # a zero, but no literal: for one the compiler would make kernels of their own
+    first = last - last
     done, kicks, way, since = 0, (0.0, first_kick), 0.0, np.inf
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
@@ -637,12 +641,12 @@ def verlet(
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, lists.skin)
         fastest = move_walls(walls.walls, kicks[0] + kicks[1], dt)
-        for turn in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
-            if turn == 1:
+        for half in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
+            if half == 1:
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
                        lists.skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
-                laws, forces, at, p, lists, walls, first, last, turn == 0, turn == 1 or not anew,
+                laws, forces, at, p, lists, walls, first, last, half == 0, half == 1 or not anew,
                 kicks, dt, pushed, substeps, books, (*buffers, lists.blows),
             )  # fmt: skip
             fastest = max(fastest, speed2)

@@ -1,4 +1,4 @@
-"""Forces other than contacts: a new force goes here, and only here.
+"""Forces other than contacts: the equation of a new force goes here, and only here.
 
 A force is a law (a few numbers), what it needs at each floe (`at_floes`), its acceleration with the exact
 derivative in the velocity (`acceleration`), and a bound on its rate (`add_fastest_rate`).  All forces of a scene act
@@ -67,7 +67,7 @@ class CoriolisField(NamedTuple):
 
 
 class Tilt(NamedTuple):
-    """Sea-surface tilt, −g ∇ζ; the slope is given on the ocean's grid (eq. sea-surface-tilt).
+    """Sea-surface tilt, −g ∇η; the slope is given on the ocean's grid (eq. sea-surface-tilt).
 
     Parameters
     ----------
