@@ -32,6 +32,7 @@ from floebmi.columns import (
 )
 from floebmi.dynamics import verlet
 from floebmi.kernels import BLOCK, in_place
+from floebmi.pairs import BONDS
 
 BLOW_N = 4 * BLOCK  # row of the buffer
 
@@ -223,7 +224,7 @@ class Pack:
             now._laws(), (), (), now.packed, now.lists, now.walls, books, 0.5 * self.dt, self.dt,
             steps, none, now.marked, 0.0, np.inf, 1, now.lag, now.buffers,
         )  # fmt: skip
-        return float(books.lost[:, 2].sum())
+        return float(books.lost[:, BONDS].sum())
 
     def hand(self, steps: int, strength: float = 1.0) -> float:
         """The same by hand; `strength` of the bonds, over that of the package's."""

@@ -24,7 +24,6 @@ from floebmi.dynamics import (
     Step,
     Walls,
     strayed,
-    taylor,
     touch_all,
     verlet,
 )
@@ -61,6 +60,7 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import emptied, near_of, room_for_blows
+from floebmi.taylor import taylor
 from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step

@@ -38,7 +38,9 @@ from floebmi.contact import blow, coefficient, lever_arm, pair_force, strength
 from floebmi.kernels import BLOCK, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
-
+FRICTION, DASHPOTS, BONDS, FAILURE, BROKEN = range(
+    5
+)  # what is lost to each [J], and the bonds broken
 
 BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
     [
@@ -220,7 +222,7 @@ def touch_floes(
 
     dt : time over which contacts have slipped
     inverse : inverse masses and inertia; what contacts that opened or closed have to strike is noted, unless it is None
-    lost : energy lost in friction, dashpots, bonds, failure [J], and bonds broken
+    lost : see `FRICTION` and those after it
     """
     begin = near.parts[part] + LANES * part
     end = begin + near.counts[part]
@@ -278,11 +280,11 @@ def touch_floes(
                 inverse, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows,
                 noted, buffer,
             )  # fmt: skip
-    lost[0] += friction_loss
-    lost[1] += dashpot_loss
-    lost[2] += bond_loss
-    lost[3] += failure_loss
-    lost[4] += broken
+    lost[FRICTION] += friction_loss
+    lost[DASHPOTS] += dashpot_loss
+    lost[BONDS] += bond_loss
+    lost[FAILURE] += failure_loss
+    lost[BROKEN] += broken
     return noted
 
 
@@ -439,7 +441,7 @@ def strike_floes(law, slip, inverse, floes, spinning, blows, noted, dt, force, c
         strike_spin(inverse_spin, spinning, i, blow_t * one.a_i, constraint)
         strike_spin(inverse_spin, spinning, j, blow_t * one.a_j, constraint)
     # slip that a beam resists is a bond's
-    lost[2 if law.friction is None else 0] -= not_taken
+    lost[BONDS if law.friction is None else FRICTION] -= not_taken
 
 
 @strike_floes.register
