@@ -47,8 +47,7 @@ from floebmi.projection import check_projection
 from floebmi.quantities import NonNegative, Positive, PositiveFraction
 from floebmi.running import check_intervals
 from floebmi.scenes import packaged
-from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
-from floebmi.sizes import from_file as sizes_from_file
+from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import (
     Table,
     apply_override,
