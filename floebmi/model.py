@@ -28,7 +28,7 @@ from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, choose
-from floebmi.floes import Floes
+from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import (
     ACCOUNTS,
     FLUID_U,
@@ -883,8 +883,8 @@ class Model:
         """Velocity components that the forces can change."""
         f = self.floes
         bits = f.motion[f.active].astype(int)
-        free = sum(int(((bits & bit) == 0).sum()) for bit in ((1, 2, 4) if f.rotation else (1, 2)))
-        return free
+        axes = (FIXED_X, FIXED_Y, FIXED_ROTATION) if f.rotation else (FIXED_X, FIXED_Y)
+        return sum(int(((bits & axis) == 0).sum()) for axis in axes)
 
     def __repr__(self) -> str:
         d = self.domain
