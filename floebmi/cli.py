@@ -248,7 +248,7 @@ def run(
         exchange=schedule.exchange, every=schedule.every,
         gridded=gridded, trajectories=trajectories, restart=last_state,
         attributes={"title": read.title or read.name, "scene": read.text},
-        reference=read.time.start, calendar=read.time.calendar,
+        reference=read.time.start, calendar=read.time.calendar or "standard",
         projection=read.domain.projection, land=built.land,
         overwrite=force, progress=not quiet,
     )  # fmt: skip

@@ -20,7 +20,7 @@ from scipy import sparse
 
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
-from floebmi.clock import BeyondSpan, Clock
+from floebmi.clock import BeyondSpan, Calendar, Clock
 from floebmi.errors import InputError, choose
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid
@@ -195,6 +195,7 @@ class VelocityFile:
         "nearest" water, or 0 ("dry": mask the grid with `covered` then)
     position, file_projection : see `floebmi.places.place_of`
     beyond_span : "error", "hold" or "repeat", see `floebmi.clock.Clock`
+    calendar : CF calendar that the file's dates must be of, that of the run; default: any
 
     Attributes
     ----------
@@ -233,6 +234,7 @@ class VelocityFile:
         position: Position = "auto",
         file_projection: str | None = None,
         beyond_span: BeyondSpan = "error",
+        calendar: Calendar | None = None,
     ) -> None:
         _among("kind", kind, _VELOCITIES)
         _among("vectors", vectors, ("auto", "east-north", "grid"))
@@ -246,7 +248,7 @@ class VelocityFile:
         self._kind, self._u, self._v = kind, u, v
         self._label = f"{u.file.label}: {u.name}, {v.name}"
         factors = [velocity_factor(units or f.array.attrs.get("units"), f.label) for f in (u, v)]
-        self._clock = _common_clock(u, v, start, beyond_span)
+        self._clock = _common_clock(u, v, start, beyond_span, calendar)
 
         centres = cgrid.find_centres(files, u, v, stagger, projection, position, file_projection)
         self.projection = centres.place.plane
@@ -452,9 +454,15 @@ def _levels(part: Field) -> str:
     return "".join(f", {dim}[{i}]" for dim, i in part.fixed.items())
 
 
-def _common_clock(u: Field, v: Field, start: Date | None, beyond_span: BeyondSpan) -> Clock:
-    clock = Clock(u, start, beyond_span)
-    other = Clock(v, start if start is not None else None, beyond_span)
+def _common_clock(
+    u: Field,
+    v: Field,
+    start: Date | None,
+    beyond_span: BeyondSpan,
+    calendar: Calendar | None,
+) -> Clock:
+    clock = Clock(u, start, beyond_span, calendar)
+    other = Clock(v, start, beyond_span, calendar)
     same = (clock.seconds is None) == (other.seconds is None)
     if same and clock.seconds is not None:
         same = np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)

@@ -118,7 +118,7 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["export", "no.nc"], "no.nc"),
         (["plot", "."], "neither floes.nc nor gridded.nc"),
         (["run", "two-floes", "--to", "/proc/no"], "/proc/no"),
-        (["run", "two-floes", "--set", "time.start=soon"], "[time] start = 'soon': not a date; give"),
+        (["run", "two-floes", "--set", "time.start=soon"], "[time] start = 'soon': not a date of the calendar 'standard'; give"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line_with_exit_code_2_and_nothing_is_written(
