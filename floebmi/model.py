@@ -255,7 +255,9 @@ class Model:
         records = build_walls(domain, self.walls, floes, self.ice_density, modulus)
         if contact is None and len(records):
             raise InputError("walls and closed edges need a contact law: contact is None")
-        self._refuse_overlaps()
+        # the floes as they were when nobody had put them onto each other; None where that is not known
+        self._accepted: Floes | None = None
+        self._refuse_overlaps("at the start")
         self._state = State(
             records,
             Memory(self._nothing_remembered(), np.arange(len(floes))),
@@ -268,6 +270,7 @@ class Model:
         self._warned_of_lag = False
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
+        self._accepted = self._seen.floes
         self._tables = self._allocate()  # of the forces at all floes
         self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
@@ -331,18 +334,35 @@ class Model:
                     "or make new floes"
                 )
 
-    def _refuse_overlaps(self) -> None:
+    def _refuse_overlaps(self, when: str, allowed: float = OVERLAP_ALLOWED) -> None:
+        """InputError for floes that overlap by more than `allowed` of the smaller radius.
+
+        Once floes are known, what counts is how much more they overlap than those did.
+        """
         if self.contact is None or not len(self.floes):
             return
-        worst = overlapping(self.floes, self.domain, allowed=OVERLAP_ALLOWED)
-        if len(worst):
+        worst = overlapping(self.floes, self.domain, allowed)
+        if worst and self._accepted is not None:
+            had = {pair[:2]: pair.share for pair in overlapping(self._accepted, self.domain)}
+            worst = [pair for pair in worst if pair.share - had.get(pair[:2], 0.0) > allowed]
+        if worst:
             shown = "; ".join(
                 f"floes {pair.i} and {pair.j} by {pair.overlap:.4g} m" for pair in worst[:3]
             )
+            more = f" and {len(worst) - 3} more pairs" if len(worst) > 3 else ""
             raise InputError(
-                f"floes overlap at the start by more than {OVERLAP_ALLOWED:g} of the smaller radius: "
-                f"{shown} ({len(worst)} pairs); move them apart, or call floebmi.relax(floes, domain)"
+                f"floes overlap {when} by more than {allowed:g} of the smaller radius: "
+                f"{shown}{more}; move them apart, or call floebmi.relax(floes, domain)"
             )
+
+    def _refuse_edits(self) -> None:
+        """InputError for floes that somebody made what none may be, or put onto each other."""
+        self.floes.check()
+        if self._accepted is None:
+            if self.contact is not None and self.contact.failure is None:
+                self._refuse_overlaps("after a restart", 1.0)  # more than a run leaves them with
+        elif not self.floes.same(self._accepted, ("x", "y", "radius", "active")):
+            self._refuse_overlaps("after an edit")
 
     def _nothing_remembered(self) -> PairList:
         none = np.zeros(0, np.uint32)
@@ -395,7 +415,8 @@ class Model:
         Raises
         ------
         InputError
-            for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it.
+            for a duration that is negative or not finite, for a NaN in a fluid where a floe reads it, and for
+            floes that an edit has put onto each other.
         StabilityError
             if floes leave what the step resolves: a floe moves more than half its radius in a step or
             overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
@@ -410,7 +431,7 @@ class Model:
         self._check_fluids()
         seen = self._look()
         if seen is not self._left:
-            self.floes.check()
+            self._refuse_edits()
             self._tables = self._allocate()
         known = len(self.floes)
         advance = self._now(seen)
@@ -435,6 +456,7 @@ class Model:
         if len(self.floes) != known:
             self._tables = self._allocate()
         self._left = self._seen = _Seen(self._state.kept.floes)
+        self._accepted = self._seen.floes
         self.time += duration
         self._last_duration = duration
         self._warn_of_lag(duration)
@@ -825,6 +847,8 @@ class Model:
             floes.allow_own(name)
             setattr(floes, name, of_floes(name))
         s = self._state
+        if not floes.same(self.floes):  # else an advance that was refused is undone
+            self._accepted = None
         self.floes = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
