@@ -281,14 +281,23 @@ def _as_accurate(
 ) -> "Scene":
     """The scene with the setting that a stored result recommends.
 
-    A result is of the scene with what was set by hand, or of the scene alone: then that is set last.
+    A result is of the scene with what was set by hand, or of the scene alone: then nothing may be set by hand that
+    the setting sets, for its error would be another's.
     """
     from floebmi.scene import read_scene
+    from floebmi.tables import parse_override
     from floebmi.tradeoff import chosen, result, words
 
     alone = result(read) is None
     measured = read_scene(scene) if alone else read
     setting = chosen(measured, accuracy)
+    for change in setting.split() if alone else ():
+        for override in overrides:
+            if parse_override(change).meets(parse_override(override)):
+                raise InputError(
+                    f"--accuracy {accuracy:g} takes {change}, which --set {override} changes: leave one of them out, "
+                    f"or measure with it: floebmi tradeoff {scene} --set {override}"
+                )
     if not quiet:
         click.echo(f"accuracy {accuracy:g}: {words(result(measured), setting)}")
     changes = setting.split()

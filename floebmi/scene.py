@@ -1026,7 +1026,7 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
         if isinstance(tables.get(name), dict):
             tables[name] = [tables[name]]
     for change in changes:
-        apply_override(tables, change, {"contact": "model"})
+        apply_override(tables, change, {"contact": ("model", _CONTACTS)})
     for name in ("floes", "inflow"):  # an override may have made the table
         if isinstance(tables.get(name), dict):
             tables[name] = [tables[name]]

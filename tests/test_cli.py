@@ -109,6 +109,10 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["run", "two-floes", "--set", "tim.duration=1"], "did you mean 'time'?"),
         (["run", "two-floes", "--set", "output.gridded=true"], "[output] gridded = true: needs a [grid]"),
         (["run", "two-floes", "--restart", "no.nc"], "no.nc"),
+        (
+            ["run", "periodic-box", "--accuracy", "0.5", "--set", "contact.friction=0.4"],
+            "--accuracy 0.5 takes contact=none, which --set contact.friction=0.4 changes",
+        ),
         (["explain", "two-flos"], "did you mean 'two-floes'?"),
         (["scene", "two-flos"], "did you mean 'two-floes'?"),
         (["scene", "--to", "a.toml"], "say which scene"),

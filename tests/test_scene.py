@@ -96,6 +96,20 @@ def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right
     assert said in text
 
 
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (("contact=none", "contact.friction=1"), "contact.friction=1: contact is 'none', not a table"),
+        (("contact=frictional", "contact.strength=1"), "contact.strength=1: unknown key"),
+        (("seed=1", "seed=-1"), "seed=-1: must be"),
+        (("floes.each.1.radius=-1", "floes.each.2.radius=3"), "floes.each.1.radius=-1: must be"),
+        (("floes.each.1.radius=3", "floes.1.each.2.radius=-3"), "floes.1.each.2.radius=-3: must be"),
+    ],
+)  # fmt: skip
+def test_of_several_overrides_the_one_that_is_wrong_is_named(two, overrides, said):
+    assert refused(two, *overrides).startswith(f"--set {said}")
+
+
 @pytest.mark.parametrize("override", ["a", "=3", "a..b=3", "time.duration=[1", 'title="x'])
 def test_an_override_that_is_no_assignment_is_refused(two, override):
     assert refused(two, override).startswith(f"--set {override}: ")
