@@ -26,6 +26,7 @@ from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity
 from floebmi.grid import Grid
 from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Position
+from floebmi.quantities import is_number
 from floebmi.remap import FillLand, around_cells, interpolate
 from floebmi.scalars import read_scalar
 
@@ -111,8 +112,8 @@ class Constant:
     span = None
 
     def __init__(self, u: float = 0.0, v: float = 0.0) -> None:
-        if not (np.isfinite(u) and np.isfinite(v)):
-            raise InputError(f"Constant velocity ({u}, {v}): must be two finite numbers [m/s]")
+        if not (is_number(u) and is_number(v)):
+            raise InputError(f"Constant velocity ({u!r}, {v!r}): must be two finite numbers [m/s]")
         self.u, self.v = float(u), float(v)
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:

@@ -17,6 +17,7 @@ friction has no angles.
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
 
 import numpy as np
 
@@ -68,7 +69,7 @@ from floebmi.kernels import BLOCK
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
-from floebmi.quantities import check, words
+from floebmi.quantities import check, is_number, words
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -163,6 +164,27 @@ class Fluid:
         return self._curl(self.u, self.v)
 
 
+def _check_kinds(
+    floes: object,
+    grid: object,
+    walls: object,
+    inflow: object,
+    step: object,
+    atmosphere_grid: object,
+) -> None:
+    """InputError for a part of a model that is of another kind, such as one that stands in another's place."""
+    for name, part, kind in (("floes", floes, Floes), ("step", step, Step)):
+        if not isinstance(part, kind):
+            raise InputError(f"{name} = {part!r}: must be of the kind {kind.__name__}")
+    for name, part in (("grid", grid), ("atmosphere_grid", atmosphere_grid)):
+        if not isinstance(part, Grid | None):
+            raise InputError(f"{name} = {part!r}: must be a Grid, or None")
+    for name, parts, kind in (("walls", walls, Wall), ("inflow", inflow, Inflow)):
+        several = [parts] if name == "inflow" and isinstance(parts, kind) else parts
+        if not isinstance(several, Sequence) or not all(isinstance(p, kind) for p in several):
+            raise InputError(f"{name} = {parts!r}: must be a list of {kind.__name__}")
+
+
 class _Seen:
     """What was found out about the floes as they are at one moment; each thing once.
 
@@ -225,15 +247,17 @@ class Model:
         threads: int = 1,
     ) -> None:
         check_domain(domain)
+        _check_kinds(floes, grid, walls, inflow, step, atmosphere_grid)
         self.domain, self.floes, self.contact = domain, floes, contact
         self.forces = tuple(forces)
         self.step, self.sampling = step, sampling
         self.walls = tuple(walls)
         self.inflow = (inflow,) if isinstance(inflow, Inflow) else tuple(inflow)
-        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
+        self.ice_density, self.draft_fraction = ice_density, draft_fraction
         self.seed, self.threads = seed, threads
         self.time = 0.0
         self._check_laws()
+        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
         if step.fraction is None:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
         if rotation or turns(contact):
@@ -318,8 +342,10 @@ class Model:
             )
         for name in ("ice_density", "draft_fraction"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not (is_number(value) and value > 0):
                 raise InputError(f"{name} = {value!r}: must be greater than 0")
+        if not (isinstance(self.seed, Integral) and self.seed >= 0):
+            raise InputError(f"seed = {self.seed!r}: must be a whole number, at least 0")
         if not (isinstance(self.threads, int) and self.threads >= 1):
             raise InputError(f"threads = {self.threads!r}: must be a whole number, at least 1")
         if self.draft_fraction > 1:
@@ -424,8 +450,9 @@ class Model:
 
         After an error the model is as it was before.
         """
-        if not (np.isfinite(duration) and duration >= 0):
+        if not (is_number(duration) and duration >= 0):
             raise InputError(f"advance: duration = {duration!r}; must be at least 0 s")
+        duration = float(duration)
         if duration == 0:
             return
         self._check_fluids()
@@ -501,7 +528,7 @@ class Model:
             if fluid is None:
                 continue
             thickness = fluid.layer_thickness
-            if thickness is not None and not (np.isfinite(thickness) and thickness > 0):
+            if thickness is not None and not (is_number(thickness) and thickness > 0):
                 raise InputError(
                     f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
                 )

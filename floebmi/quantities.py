@@ -6,6 +6,7 @@ import operator
 from collections.abc import Iterable, Iterator
 from typing import Annotated, get_args, get_type_hints
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from floebmi.errors import InputError
@@ -40,6 +41,12 @@ def check(laws: Iterable[object]) -> None:
                 check([value])
             else:
                 _check_number(f"{type(law).__name__}.{name}", value, hints[name])
+
+
+def is_number(value: object) -> bool:
+    """Whether it is one finite real number, be it of numpy or another array library: no text, no flag, no row."""
+    array = np.asarray(value)
+    return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
 
 
 def words(law: tuple) -> str:

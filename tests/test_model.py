@@ -176,10 +176,34 @@ def test_a_restart_with_a_floe_on_another_is_refused_with_both():
         model.advance(1.0)
 
 
-@pytest.mark.parametrize("duration", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize(
+    "duration", [-1.0, np.nan, np.inf, "10", None, [10.0], np.ones(2), True, 1j], ids=repr
+)
 def test_a_duration_that_cannot_be_is_refused(duration):
     with pytest.raises(InputError, match="duration"):
         pair().advance(duration)
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"floes": DOMAIN}, "floes = .*: must be of the kind Floes"),
+        ({"domain": ((0, 1), (0, 1))}, "domain = .*: must be a Domain"),
+        ({"domain": Domain(100.0, (0, 1))}, "domain.x = 100.0: must be two numbers"),
+        ({"domain": Domain((0, "1"), (0, 1))}, "domain.x = .*: must be two numbers"),
+        ({"grid": (10, 10)}, "grid = .*: must be a Grid"),
+        ({"walls": Wall("west")}, "walls = .*: must be a list of Wall"),
+        ({"inflow": [Wall("west")]}, "inflow = .*: must be a list of Inflow"),
+        ({"inflow": Inflow("west", PowerLaw(1, 2), velocity=0.5)}, "inflow.velocity = 0.5: must be two"),
+        ({"step": 0.3}, "step = 0.3: must be of the kind Step"),
+        ({"seed": -1}, "seed = -1: must be a whole number"),
+        ({"ice_density": "934"}, "ice_density = '934': must be greater than 0"),
+    ],
+)  # fmt: skip
+def test_a_part_of_another_kind_is_refused_by_its_name(part, said):
+    parts = {"domain": DOMAIN, "floes": Floes(0.0, 0.0, 10.0, 1.0), "contact": Contact()} | part
+    with pytest.raises(InputError, match=said):
+        Model(**parts)
 
 
 def test_no_time_changes_nothing_and_any_time_is_met_exactly():
