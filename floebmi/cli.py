@@ -108,6 +108,11 @@ def _errors_in_one_line() -> Iterator[None]:
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
         _fail(f"{name}{error.strerror or error}{_notes(error)}", 2)
+    except MemoryError as error:
+        _fail(
+            f"not enough memory: {_with_notes(error)}; must be fewer cells or floes (sizes are in m)",
+            2,
+        )
     except KeyboardInterrupt as error:
         _fail(f"stopped{_notes(error)}", 130)
     except (click.ClickException, click.exceptions.Exit, click.Abort):

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
-from floebmi.quantities import is_number
+from floebmi.quantities import is_number, unmasked
 
 if TYPE_CHECKING:
     import shapely
@@ -74,7 +74,7 @@ def from_land_fraction(
     import contourpy
     import shapely
 
-    fraction = np.asarray(fraction, dtype=float)
+    fraction = unmasked(fraction)
     if fraction.ndim != 2 or min(fraction.shape) < 2:
         raise InputError(
             f"land fraction has shape {fraction.shape}; must be (ny, nx), at least 2 x 2"

@@ -26,7 +26,7 @@ from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity
 from floebmi.grid import Grid
 from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Position
-from floebmi.quantities import is_number
+from floebmi.quantities import is_number, unmasked
 from floebmi.remap import FillLand, around_cells, interpolate
 from floebmi.scalars import read_scalar
 
@@ -149,7 +149,7 @@ class Function:
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,)."""
         for name, given, out in (("u", self.u, u), ("v", self.v, v)):
-            values = np.asarray(given(self._x, self._y, t) if callable(given) else given, float)
+            values = unmasked(given(self._x, self._y, t) if callable(given) else given)
             if values.shape not in ((), out.shape):
                 raise InputError(
                     f"Function {name} at t = {t:g} s: shape {values.shape}; must be {out.shape}"

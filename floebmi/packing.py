@@ -26,7 +26,7 @@ from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
-from floebmi.quantities import is_number
+from floebmi.quantities import is_number, unmasked
 from floebmi.sizes import Sizes, check_sizes
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
@@ -638,7 +638,7 @@ def _area_inside(grid: Grid, domain: Domain) -> np.ndarray:
 
 
 def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
-    values = np.asarray(values, dtype=float)
+    values = unmasked(values)
     if values.ndim and values.size != grid.size:
         raise InputError(
             f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"

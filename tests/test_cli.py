@@ -197,6 +197,16 @@ def test_a_run_that_leaves_its_bounds_ends_with_3_and_says_where_its_state_is(cl
         assert data.sizes["time"] >= 1
 
 
+def test_more_cells_than_memory_holds_are_the_users(cli, monkeypatch):
+    def full(*args):
+        raise MemoryError("Unable to allocate 29.1 TiB")
+
+    monkeypatch.setattr("floebmi.scene.read_scene", full)
+    result = cli("explain", "two-floes")
+    assert result.exit_code == 2
+    assert "not enough memory: Unable to allocate 29.1 TiB; must be fewer cells" in result.stderr
+
+
 def test_an_error_of_the_program_is_one_line_as_well(cli, monkeypatch):
     monkeypatch.setattr("floebmi.scene.read_scene", lambda *args: 1 / 0)
     result = cli("run", "two-floes")
