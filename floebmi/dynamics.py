@@ -213,21 +213,35 @@ def _(spinning: None, force, inverse_spin, first, n, dt, constraint):
 
 
 @dispatched
-def kick_walls(walls, dt, ahead):
-    """Forces of the ice change the speed of walls; `ahead`: as much of their last change goes on top of them."""
+def kick_walls(walls, before, after, ahead):
+    """Forces of the ice change the speed of walls for the end of a step and the beginning of the next [s].
+
+    In between their dampers brake them, for both: on the way the speed of a wall is one, so that the work of the
+    forces before and after it is what the ice gains.
+
+    ahead : as much of the last change of a force goes on top of it
+    """
     for w in range(walls.size):
         wall = walls[w]
         force = wall.force + ahead * (wall.force - wall.previous)
         wall.previous = wall.force
-        change = dt * wall.inverse_mass * (force + wall.side * wall.press)
-        wall.impulse -= dt * force
-        wall.work -= dt * force * (wall.speed + 0.5 * change)
-        wall.speed += change
+        kick_wall(wall, force, before)
+        wall.speed *= np.exp(-wall.damping * (before + after))
+        kick_wall(wall, force, after)
 
 
 @kick_walls.register
-def _(walls: None, dt, ahead):
+def _(walls: None, before, after, ahead):
     pass
+
+
+@inner
+def kick_wall(wall, force, dt):
+    """`kick` for one wall, loaded or not."""
+    change = dt * wall.inverse_mass * (force + wall.side * wall.press)
+    wall.impulse -= dt * force
+    wall.work -= dt * force * (wall.speed + 0.5 * change)
+    wall.speed += change
 
 
 @inner
@@ -302,9 +316,7 @@ def drift_walls(walls, dt):
     fastest = 0.0
     for w in range(walls.size):
         wall = walls[w]
-        wall.position += 0.5 * dt * wall.speed
-        wall.speed *= np.exp(-wall.damping * dt)
-        wall.position += 0.5 * dt * wall.speed
+        wall.position += dt * wall.speed
         fastest = max(fastest, wall.speed * wall.speed)
     return fastest
 
@@ -498,9 +510,9 @@ def move(
 
 
 @in_place
-def move_walls(walls, kicked, dt):
+def move_walls(walls, kicks, dt):
     """Kick and drift the walls; returns the largest speed²."""
-    kick_walls(walls, kicked, 0.0)
+    kick_walls(walls, *kicks, 0.0)
     return drift_walls(walls, dt)
 
 
@@ -508,7 +520,7 @@ def move_walls(walls, kicked, dt):
 def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constraint, buffer):
     """The second half of the last kick, and what is left of the push; the forces stay to be looked at."""
     p = packed
-    kick_walls(walls, kicked, 0.0)
+    kick_walls(walls, kicked, 0.0, 0.0)
     for tile in range(tiles.coast.size):
         begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
         kick(p, begin, coast - begin, kicked, constraint)
@@ -641,7 +653,7 @@ def verlet(
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, lists.skin)
-        fastest = move_walls(walls.walls, kicks[0] + kicks[1], dt)
+        fastest = move_walls(walls.walls, kicks, dt)
         for half in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
             if half == 1:
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,

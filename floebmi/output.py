@@ -463,7 +463,7 @@ def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
     units = f"seconds since {reference or EPOCH}"
     try:
         cftime.num2date(0.0, units, calendar)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise InputError(
             f"reference = {reference!r} in calendar {calendar!r}: {error}; "
             "must be like '1979-01-15 12:00'"

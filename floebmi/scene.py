@@ -8,7 +8,6 @@ unit, its default and what it means.  Paths are relative to the scene file.
 """
 
 import contextlib
-import datetime
 import math
 import shutil
 from collections.abc import Iterator, Sequence
@@ -20,6 +19,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Edge, Inflow, Wall, check_domain
+from floebmi.clock import Calendar, date_of
 from floebmi.contact import (
     CompressiveFailure,
     Contact,
@@ -560,18 +560,16 @@ class Time(Table):
         None,
         description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; needed by dated files",
     )
-    calendar: str = Field("standard", description="CF calendar of the dates")
+    calendar: Calendar | None = Field(
+        None,
+        description="CF calendar of the dates, which velocities from files must have, too; if left out: 'standard', "
+        "and each file's dates in its own",
+    )
 
     @model_validator(mode="after")
     def _start_is_a_date(self) -> Self:
-        if self.start is not None and self.calendar != "360_day":
-            try:
-                datetime.datetime.fromisoformat(self.start)
-            except ValueError:
-                raise InputError(
-                    f"start = {self.start!r}: not a date; give one such as '1979-01-16' or "
-                    "'1979-01-16 18:00'"
-                ) from None
+        if self.start is not None:
+            date_of(self.start, self.calendar or "standard")
         return self
 
 
@@ -938,6 +936,7 @@ class Scene(Table):
             position=table.position,
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
+            calendar=self.time.calendar,
         )
 
 
@@ -1022,7 +1021,7 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     changes = tuple(parse_override(override) for override in overrides)
     _as_lists(tables)
     for change in changes:
-        apply_override(tables, change, {"contact": "model"})
+        apply_override(tables, change, {"contact": ("model", _CONTACTS)})
     _as_lists(tables)  # an override may have made the table
     read: Scene = validate(Scene, tables, str(path), changes)
     read._file = path

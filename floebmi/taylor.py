@@ -90,7 +90,7 @@ def taylor(
                 previous[0], previous[1] = contact.x, contact.y
                 fastest = max(fastest, floe.u**2 + floe.v**2)
             taylor_spin(p.spinning, third_order, forces, at, p, first, n, dt, buffer)
-        kick_walls(walls.walls, dt, ahead)
+        kick_walls(walls.walls, dt, 0.0, ahead)
         way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
         travelled, since = travelled + way, since + way
         done += 1

@@ -66,7 +66,7 @@ def verlet_in_threads(
                     break
             pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
             anew = is_stale(since, way, lists.skin)
-            fastest = max(move_walls(walls.walls, sum(kicks), dt), share(steps_of(True, not anew)))
+            fastest = max(move_walls(walls.walls, kicks, dt), share(steps_of(True, not anew)))
             way = dt * np.sqrt(fastest)
             if anew:
                 share(touch_anew)
