@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from floebmi.arrays import all_within
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
@@ -425,9 +426,7 @@ class Advance:
             (floes.x, domain.x, self.period[0]),
             (floes.y, domain.y, self.period[1]),
         ):
-            if period is None or not len(place):
-                continue
-            if place.min() < low or place.max() >= low + period:  # in few exchanges somebody is
+            if period is not None and not all_within(place, low, low + period):
                 place -= period * np.floor((place - low) / period)
 
     def _leaving(self) -> np.ndarray:

@@ -37,7 +37,6 @@ from floebmi.forces import (
     PARAMETER,
     RATE,
     SPIN_RATE,
-    WORK,
     AirDrag,
     BodyForce,
     Coriolis,
@@ -50,6 +49,7 @@ from floebmi.forces import (
     at_floes,
     bulk_coefficient,
     by_block,
+    given,
     lanes,
 )
 from floebmi.grid import Grid
@@ -539,7 +539,8 @@ class Model:
             grid = id(fluid.grid)
             if grid not in weights:
                 weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
-                dry = np.flatnonzero(without_cell(weights[grid])[order])
+                dry = without_cell(weights[grid])
+                dry = np.flatnonzero(dry[order]) if dry.any() else np.empty(0, np.int64)
                 nowhere[grid] = np.divmod(dry, BLOCK)
             if isinstance(force, CoriolisField):
                 reads[grid] += [(fluid.coriolis, lanes(at, PARAMETER))]
@@ -569,7 +570,7 @@ class Model:
         """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            x, y, work = at[:, : (WORK + 1) * BLOCK].sum(axis=0).reshape(-1, BLOCK).sum(axis=1)
+            x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
     def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
