@@ -103,8 +103,8 @@ ODD = (
 @jit
 def horner(coefficients, x):
     """The polynomial with these coefficients, that of the power 0 first."""
-    total = 0.0
-    for k in range(len(coefficients) - 1, -1, -1):
+    total = coefficients[-1]
+    for k in range(len(coefficients) - 2, -1, -1):
         total = total * x + coefficients[k]
     return total
 
