@@ -156,11 +156,13 @@ class Fluid:
         found = {name: getattr(self, name) for name in names}
         return {name: values for name, values in found.items() if values is not None}
 
-    def vorticity(self) -> np.ndarray:
-        """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
+    def half_curl(self) -> np.ndarray:
+        """½ (∂v/∂x − ∂u/∂y), how fast the fluid turns [1/s], shape (grid.size,)."""
         if self._curl is None:
             self._curl = Vorticity(self.grid)
-        return self._curl(self.u, self.v)
+        curl = self._curl(self.u, self.v)
+        curl *= 0.5
+        return curl
 
 
 class _Seen:
@@ -552,13 +554,10 @@ class Model:
             reads[grid] += [(fluid.u, lanes(at, FLUID_U)), (fluid.v, lanes(at, FLUID_V))]
             lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
             if self.floes.rotation:
-                reads[grid] += [(fluid.vorticity(), lanes(at, HALF_CURL))]
+                reads[grid] += [(fluid.half_curl(), lanes(at, HALF_CURL))]
                 lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
         for grid, each in reads.items():
             gather_each(weights[grid], order, *zip(*each, strict=True))
-        for force, at in zip(self.forces, self._at, strict=True):
-            if self.floes.rotation and isinstance(force, OceanDrag | AirDrag):
-                lanes(at, HALF_CURL)[:] *= 0.5
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
