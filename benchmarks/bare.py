@@ -221,8 +221,8 @@ class Pack:
         now, books = self.now, self.now._books()
         none = np.zeros(1, np.int64)
         verlet(
-            now._laws(), (), (), now.packed, now.lists, now.walls, books, 0.5 * self.dt, self.dt,
-            steps, none, now.marked, 0.0, np.inf, 1, now.lag, now.buffers,
+            now._laws(), (), (), now.packed, now.lists, now.walls, books, 0.5 * self.dt, np.inf,
+            self.dt, steps, none, now.marked, 0.0, np.inf, 1, now.lag, now.buffers,
         )  # fmt: skip
         return float(books.lost[:, BONDS].sum())
 

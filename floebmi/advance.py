@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from floebmi.arrays import all_within
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
@@ -182,6 +183,7 @@ class Advance:
         self.fresh = True
         self.room = self._half_skin()
         self._stiffest: Stiffest | None = None
+        self.before: Survey | None = None
         self._mark(self.packed.first_x, self.packed.first_y)
 
     def _go_on(self, kept: Kept) -> None:
@@ -198,7 +200,7 @@ class Advance:
         self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
         self._meet_walls(kept.wall_floe, kept.wall_number)
         self.fresh = False
-        self.room, self._stiffest = kept.room, kept.stiffest
+        self.room, self._stiffest, self.before = kept.room, kept.stiffest, kept.survey
         self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
         if self._stiffest is None:  # it will be found for where the floes are now
             self._mark_anew()
@@ -209,6 +211,7 @@ class Advance:
         self.packed = self._pack(number, x, y)
         self._list(self.packed, walls, self.state.memory)
         self.room, self.travelled, self._stiffest = float(room), float(travelled), None
+        self.before = None
         if len(stiffest):
             omega2, floe, damping = stiffest
             self._stiffest = Stiffest(float(omega2), int(floe), float(damping))
@@ -254,7 +257,7 @@ class Advance:
         self.state.kept = Kept(
             self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
             self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
-            self.packed,
+            self.packed, self.before,
         )  # fmt: skip
 
     @property
@@ -273,7 +276,8 @@ class Advance:
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.before = Survey(*survey(self.packed))
+        if self.before is None:
+            self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
         self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
@@ -340,8 +344,9 @@ class Advance:
         return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        """The forces at the present place; no time has passed, so there is nothing to book."""
+        """The forces at the present place, and who is near; no time has passed, so there is nothing to book."""
         touch_all(self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers)
+        self.near = True  # the short list is of the present place
 
     def _books(self) -> Books:
         parts = len(self.tiles.parts) - 1
@@ -425,9 +430,7 @@ class Advance:
             (floes.x, domain.x, self.period[0]),
             (floes.y, domain.y, self.period[1]),
         ):
-            if period is None or not len(place):
-                continue
-            if place.min() < low or place.max() >= low + period:  # in few exchanges somebody is
+            if period is not None and not all_within(place, low, low + period):
                 place -= period * np.floor((place - low) / period)
 
     def _leaving(self) -> np.ndarray:
@@ -522,12 +525,13 @@ class Advance:
             parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
             rest = dt, steps, substeps, self.marked, *room, self.step.drag_every, self.lag
-            scene = *scene, self._first_kick(dt)
+            scene = *scene, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
             if len(self.tiles.chunks) == 2:
                 done = verlet(*scene, *rest, self.buffers)
             else:
                 done = verlet_in_threads(self.threads, *scene, *rest)
         self._close(books)
+        self.near = False
         return done
 
     def _count(self, steps: int, dt: float) -> None:

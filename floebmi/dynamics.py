@@ -579,12 +579,12 @@ def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer, blows):
 
 @in_place
 def touch_all(laws, packed, lists, walls, books, buffers):
-    """The forces at the present place, as a step leaves them."""
+    """The forces at the present place, and the short list, as a step leaves them."""
     p, near, last = packed, lists.near, lists.near.counts.size
     first = last - last  # as in `verlet`
     inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
     forget(p.spinning, p.force)
-    narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, 0.0)
+    narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, lists.skin)
     for tile in range(last):
         touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0], lists.blows[0])
     settle(near, first, last)
@@ -626,7 +626,7 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
 
 @in_place
 def verlet(
-    laws, forces, at, packed, lists, walls, books, first_kick, dt, steps, substeps, marked,
+    laws, forces, at, packed, lists, walls, books, first_kick, way, dt, steps, substeps, marked,
     travelled, reach, drag_every, lag, buffers,
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
@@ -640,12 +640,13 @@ def verlet(
     forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list is
     to be made anew between.  `threads.verlet_in_threads` does the same chunk by chunk: what changes here, changes there.
 
+    way : of the fastest floe in a step [m], if the short list is of the present place; inf: it is to be made anew
     lag : see `time_to_push`; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
     # a zero, but no literal: for one the compiler would make kernels of their own
     first = last - last
-    done, kicks, way, since = 0, (0.0, first_kick), 0.0, np.inf
+    done, kicks, since = 0, (0.0, first_kick), 0.0
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
             travelled = strayed(p.floes, walls.walls, marked)

@@ -353,17 +353,20 @@ def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
 
     What the floes are like is in it; nothing is booked yet, and no fluid read.
     """
-    blocks = np.zeros((-(-len(number) // BLOCK), len(at) * BLOCK))
+    blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
     _into_blocks(at, number, blocks)
     return blocks
 
 
 @in_place
 def _into_blocks(at, number, blocks):
-    for k in range(number.size):
-        floe, here = np.uintp(number[k]), blocks[k // BLOCK]
+    for block in range(blocks.shape[0]):
+        here, first = blocks[block], block * BLOCK
+        for k in range(here.size):
+            here[k] = 0.0
         for name in range(RATE, at.shape[0]):
-            here[name * BLOCK + k % BLOCK] = at[name, floe]
+            for k in range(min(BLOCK, number.size - first)):
+                here[name * BLOCK + k] = at[name, np.uintp(number[first + k])]
 
 
 def in_order(at: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -388,6 +391,19 @@ def _in_order(at, place, blocks):
 def lanes(at: np.ndarray, name: int) -> np.ndarray:
     """One row of a table by block, (blocks, BLOCK), as a view."""
     return at[:, name * BLOCK : (name + 1) * BLOCK]
+
+
+@in_place
+def given(at):
+    """Impulse x, y [N s] and work [J] that a force gave to all floes, from its table by block."""
+    x, y, work = 0.0, 0.0, 0.0
+    for block in range(at.shape[0]):
+        here = at[block]
+        for k in range(BLOCK):
+            x += row(here, X, k)
+            y += row(here, Y, k)
+            work += row(here, WORK, k)
+    return x, y, work
 
 
 def for_each(body: Callable) -> Callable:

@@ -28,7 +28,7 @@ from floebmi.pairs import narrow, settle
 
 
 def verlet_in_threads(
-    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, dt: float, steps: int,
+    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, way: float, dt: float, steps: int,
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so that threads of Python will do."""
@@ -40,7 +40,7 @@ def verlet_in_threads(
         for _ in range(threads)
     ]
     bounds = [chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)]
-    done, kicks, way, since = 0, (0.0, first_kick), 0.0, np.inf
+    done, kicks, since = 0, (0.0, first_kick), 0.0
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
 
         def share(work: Callable[[int, int, int], float]) -> float:
