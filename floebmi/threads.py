@@ -1,6 +1,5 @@
 """Large packs on several threads, with the same bits for any number of them: each takes its chunks of tiles."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 
@@ -23,8 +22,12 @@ from floebmi.dynamics import (
     time_to_push,
 )
 from floebmi.forces import FORCE_BUFFER
+from floebmi.kernels import in_place
+from floebmi.meeting import meet
 from floebmi.pack import Packed
 from floebmi.pairs import narrow, settle
+
+LINE = 8  # numbers in a line of the cache: threads that write into one and the same would wait for each other
 
 
 def verlet_in_threads(
@@ -32,54 +35,86 @@ def verlet_in_threads(
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so that threads of Python will do."""
-    p, chunks = packed, lists.tiles.chunks
-    threads = min(threads, len(chunks) - 1)
-    seams, period = chunks[-1], (laws.period_x, laws.period_y)
-    buffers = [
-        (np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER), np.empty_like(lists.blows))
-        for _ in range(threads)
-    ]
-    bounds = [chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)]
-    done, kicks, since = 0, (0.0, first_kick), 0.0
-    with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
+    chunks = lists.tiles.chunks
+    threads, seams = min(threads, len(chunks) - 1), chunks[-1]
+    bounds = np.array([chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)])
+    counter, fastest = np.zeros(1, np.int64), np.zeros((threads, LINE))
+    buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
 
-        def share(work: Callable[[int, int, int], float]) -> float:
-            """The largest that `work` gives; each thread does its tiles, this one the first of them."""
-            ranges = list(zip(range(threads), bounds[:-1], bounds[1:], strict=True))
-            others = [pool.submit(work, *each) for each in ranges[1:]]
-            return max([work(*ranges[0]), *(other.result() for other in others)])
-
-        def steps_of(moves: bool, touches: bool) -> Callable[[int, int, int], float]:
-            return lambda thread, first, last: sweep(
-                laws, forces, at, p, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps, books,
-                buffers[thread],
+    def share(thread: int) -> int:
+        own = (
+            (lag, (*buffers, lists.blows))
+            if thread == 0
+            else (lag.copy(), (*map(np.empty_like, buffers), np.empty_like(lists.blows)))
+        )
+        try:
+            return _share(
+                thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, books,
+                first_kick, way, dt, steps, substeps, marked, travelled, reach, drag_every, *own,
             )  # fmt: skip
+        except BaseException:
+            counter[0] = np.iinfo(np.int64).max // 2  # nobody need wait for this one any more
+            raise
 
-        def touch_anew(thread: int, first: int, last: int) -> float:
-            narrow(*period, p.floes, lists.near, first, last, lists.gap, lists.skin + 2.0 * way)
-            return steps_of(False, True)(thread, first, last)
-
-        while done < steps:
-            if not travelled < reach:
-                travelled = strayed(p.floes, walls.walls, marked)
-                if not travelled < NEARLY * reach:
-                    break
-            pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
-            anew = is_stale(since, way, lists.skin)
-            fastest = max(move_walls(walls.walls, kicks, dt), share(steps_of(True, not anew)))
-            way = dt * np.sqrt(fastest)
-            if anew:
-                share(touch_anew)
-                touch_anew(0, seams, seams + 1)
-            else:
-                steps_of(False, True)(0, seams, seams + 1)
-            travelled, since = travelled + way, 0.0 if anew else since + way
-            done, kicks = done + 1, (0.5 * dt, 0.5 * dt)
+    with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
+        others = [pool.submit(share, thread) for thread in range(1, threads)]
+        done = share(0)
+        for other in others:
+            other.result()
     settle(lists.near, 0, seams + 1)
     if done > 0:
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
-            forces, at, p, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps, books.held[seams],
-            buffers[0][1],
+            forces, at, packed, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps, books.held[seams],
+            buffers[1],
         )  # fmt: skip
+    return done
+
+
+@in_place
+def _share(
+    thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, books, first_kick,
+    way, dt, steps, substeps, marked, travelled, reach, drag_every, lag, buffers,
+):  # fmt: skip
+    """What one thread does of the steps: its tiles; the first one also moves the walls and touches across seams.
+
+    Every thread counts for itself how far the steps are, from numbers that all of them read at the same time.
+
+    bounds : tiles of each thread; counter : see `meet`; fastest : (threads, LINE), the largest speed² of each
+    """
+    p, seams = packed, lists.tiles.coast.size
+    done, kicks, since, times = 0, (0.0, first_kick), 0.0, 0
+    while done < steps:
+        if not travelled < reach:
+            travelled = strayed(p.floes, walls.walls, marked)
+            times = meet(counter, threads, times)
+            if not travelled < NEARLY * reach:
+                break
+        pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
+        anew = is_stale(since, way, lists.skin)
+        for turn in range(
+            3
+        ):  # move, and touch at once unless the list is made anew; touch; touch across seams
+            if turn == 1 and not anew:
+                continue
+            first, end = (bounds[thread], bounds[thread + 1]) if turn < 2 else (seams, seams + 1)
+            if turn < 2 or thread == 0:
+                if anew and turn > 0:
+                    narrow(laws.period_x, laws.period_y, p.floes, lists.near, first, end, lists.gap,
+                           lists.skin + 2.0 * way)  # fmt: skip
+                speed2 = sweep(
+                    laws, forces, at, p, lists, walls, first, end, turn == 0, turn > 0 or not anew,
+                    kicks, dt, pushed, substeps, books, buffers,
+                )  # fmt: skip
+                if turn == 0:
+                    of_walls = move_walls(walls.walls, kicks, dt) if thread == 0 else 0.0
+                    fastest[thread, 0] = max(of_walls, speed2)
+            times = meet(counter, threads, times)
+            if turn == 0:
+                speed2 = 0.0
+                for each in range(threads):
+                    speed2 = max(speed2, fastest[each, 0])
+                way = dt * np.sqrt(speed2)
+        travelled, since = travelled + way, 0.0 if anew else since + way
+        done, kicks = done + 1, (0.5 * dt, 0.5 * dt)
     return done

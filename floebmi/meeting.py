@@ -1,0 +1,71 @@
+"""Where threads wait for each other inside a kernel: handing on to Python between steps would cost as much as steps do.
+
+numba has no atomic numbers on processors, so they are written in LLVM's own, like the columns of pairs.
+"""
+
+import os
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from floebmi.kernels import inner
+
+SPINS = 2000  # looks at the counter before a thread offers its core to others
+
+
+def _first(context, builder, kind, value):
+    return context.make_array(kind)(context, builder, value).data
+
+
+@intrinsic
+def _arrive(typing, counter):
+    """Count one more arrival in the first number of an array."""
+
+    def generate(context, builder, signature, arguments):
+        place = _first(context, builder, signature.args[0], arguments[0])
+        builder.atomic_rmw("add", place, ir.IntType(64)(1), "seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(counter), generate
+
+
+@intrinsic
+def _arrived(typing, counter):
+    """How many have arrived, seen by others or not yet."""
+
+    def generate(context, builder, signature, arguments):
+        place = _first(context, builder, signature.args[0], arguments[0])
+        return builder.load_atomic(place, "seq_cst", 8)
+
+    return types.int64(counter), generate
+
+
+@intrinsic
+def _give_way(typing):
+    """Let another thread have the core, where the system has a call for that."""
+
+    def generate(context, builder, signature, arguments):
+        if os.name == "posix":
+            kind = ir.FunctionType(ir.IntType(32), [])
+            name = "sched_yield"
+            found = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
+            builder.call(found, [])
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+@inner
+def meet(counter, threads, times):
+    """Wait until all threads are here; what each wrote before, all see after.
+
+    counter : (1,) int64, 0 at first; times : how often they have met so far.  Returns times + 1.
+    """
+    _arrive(counter)
+    spins = 0
+    while _arrived(counter) < threads * (times + 1):
+        spins += 1
+        if spins > SPINS:
+            _give_way()
+    return times + 1
