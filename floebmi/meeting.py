@@ -11,7 +11,10 @@ from numba.extending import intrinsic
 
 from floebmi.kernels import inner
 
-SPINS = 2000  # looks at the counter before a thread offers its core to others
+SPINS = (
+    500_000  # looks at the counter, about a millisecond, before a thread leaves its core to others
+)
+REST = 20  # for so long at a time [µs]
 
 
 def _first(context, builder, kind, value):
@@ -42,15 +45,15 @@ def _arrived(typing, counter):
 
 
 @intrinsic
-def _give_way(typing):
-    """Let another thread have the core, where the system has a call for that."""
+def _rest(typing):
+    """Sleep for a moment, where the system has a call for that."""
 
     def generate(context, builder, signature, arguments):
         if os.name == "posix":
-            kind = ir.FunctionType(ir.IntType(32), [])
-            name = "sched_yield"
+            kind = ir.FunctionType(ir.IntType(32), [ir.IntType(32)])
+            name = "usleep"
             found = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
-            builder.call(found, [])
+            builder.call(found, [ir.IntType(32)(REST)])
         return context.get_dummy_value()
 
     return types.void(), generate
@@ -67,5 +70,5 @@ def meet(counter, threads, times):
     while _arrived(counter) < threads * (times + 1):
         spins += 1
         if spins > SPINS:
-            _give_way()
+            _rest()
     return times + 1

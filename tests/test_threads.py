@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from floebmi import advance, tiles
+from floebmi import advance, threads, tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
 from floebmi.dynamics import Step
@@ -62,6 +62,22 @@ def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
     assert models[0].ledger.balance("energy").relative < residual
 
 
+def test_a_thread_that_fails_keeps_nobody_waiting(small_chunks, monkeypatch):
+    share = threads._share
+
+    def fails(thread, *others):
+        if thread == 1:
+            raise MemoryError("no room")
+        return share(thread, *others)
+
+    monkeypatch.setattr(threads, "_share", fails)
+    model = pack_of_floes(frictional(), threads=2)
+    before = model.floes.copy()
+    with pytest.raises(MemoryError, match="no room"):
+        model.advance(0.5)
+    assert np.array_equal(model.floes.x, before.x) and model.time == 0.0
+
+
 def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
     whole = pack_of_floes(frictional(), step=Step(fraction=0.3))
     whole.advance(0.3)
@@ -109,7 +125,7 @@ def test_a_pair_is_touched_when_the_later_of_its_floes_has_moved(monkeypatch):
     assert (np.diff(tile) >= 0).all()
 
 
-@pytest.mark.parametrize("threads", [0, 1.5, "two"])
-def test_a_number_of_threads_that_is_none_is_refused(threads):
+@pytest.mark.parametrize("number", [0, 1.5, "two"])
+def test_a_number_of_threads_that_is_none_is_refused(number):
     with pytest.raises(InputError, match="threads = .*: must be a whole number, at least 1"):
-        Model(Domain((0, 9), (0, 9)), Floes(5.0, 5.0, 1.0, 1.0), threads=threads)
+        Model(Domain((0, 9), (0, 9)), Floes(5.0, 5.0, 1.0, 1.0), threads=number)
