@@ -56,7 +56,7 @@ PARTS = {  # function: what it is; parts of the one above are set in
     "_sample": "read the fluids at the floes",
     "coverage": "  areas of floes in cells",
     "shares": "  weights",
-    "vorticity": "  curl of the fluids",
+    "half_curl": "  curl of the fluids",
     "_now": "pack the floes, list their neighbours, find their forces",
     "in_space": "  sort them, for a fresh list",
     "list_pairs": "  list their pairs",

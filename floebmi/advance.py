@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from floebmi.arrays import all_within
 from floebmi.boundaries import Domain, Feeder
 from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
@@ -24,7 +25,6 @@ from floebmi.dynamics import (
     Step,
     Walls,
     strayed,
-    taylor,
     touch_all,
     verlet,
 )
@@ -61,7 +61,8 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import emptied, near_of, room_for_blows
-from floebmi.threads import verlet as verlet_in_threads
+from floebmi.taylor import taylor
+from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
@@ -183,6 +184,7 @@ class Advance:
         self.fresh = True
         self.room = self._half_skin()
         self._stiffest: Stiffest | None = None
+        self.before: Survey | None = None
         self._mark(self.packed.first_x, self.packed.first_y)
 
     def _go_on(self, kept: Kept) -> None:
@@ -199,7 +201,7 @@ class Advance:
         self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
         self._meet_walls(kept.wall_floe, kept.wall_number)
         self.fresh = False
-        self.room, self._stiffest = kept.room, kept.stiffest
+        self.room, self._stiffest, self.before = kept.room, kept.stiffest, kept.survey
         self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
         if self._stiffest is None:  # it will be found for where the floes are now
             self._mark_anew()
@@ -210,6 +212,7 @@ class Advance:
         self.packed = self._pack(number, x, y)
         self._list(self.packed, walls, self.state.memory)
         self.room, self.travelled, self._stiffest = float(room), float(travelled), None
+        self.before = None
         if len(stiffest):
             omega2, floe, damping = stiffest
             self._stiffest = Stiffest(float(omega2), int(floe), float(damping))
@@ -255,7 +258,7 @@ class Advance:
         self.state.kept = Kept(
             self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
             self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
-            self.packed,
+            self.packed, self.before,
         )  # fmt: skip
 
     @property
@@ -274,7 +277,8 @@ class Advance:
 
     def _begin(self) -> None:
         """What steps need besides the list."""
-        self.before = Survey(*survey(self.packed))
+        if self.before is None:
+            self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
         self.rate = self._rate_of_forces()
         self.state.counters.rebuilds += self.fresh
@@ -341,8 +345,9 @@ class Advance:
         return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        """The forces at the present place; no time has passed, so there is nothing to book."""
+        """The forces at the present place, and who is near; no time has passed, so there is nothing to book."""
         touch_all(self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers)
+        self.near = True  # the short list is of the present place
 
     def _books(self) -> Books:
         parts = len(self.tiles.parts) - 1
@@ -426,9 +431,7 @@ class Advance:
             (floes.x, domain.x, self.period[0]),
             (floes.y, domain.y, self.period[1]),
         ):
-            if period is None or not len(place):
-                continue
-            if place.min() < low or place.max() >= low + period:  # in few exchanges somebody is
+            if period is not None and not all_within(place, low, low + period):
                 place -= period * np.floor((place - low) / period)
 
     def _leaving(self) -> np.ndarray:
@@ -522,20 +525,21 @@ class Advance:
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
-        floes = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
-        way = self.travelled, self._reach()
+        scene = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
+        room = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *way, self.buffers)
+            done = taylor(self.step.scheme == "taylor3", *scene, dt, steps, *room, self.buffers)
         else:
             parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
-            rest = dt, steps, substeps, self.marked, *way, self.step.drag_every, self.lag
-            floes = *floes, self._first_kick(dt)
+            rest = dt, steps, substeps, self.marked, *room, self.step.drag_every, self.lag
+            scene = *scene, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
             if len(self.tiles.chunks) == 2:
-                done = verlet(*floes, *rest, self.buffers)
+                done = verlet(*scene, *rest, self.buffers)
             else:
-                done = verlet_in_threads(self.threads, *floes, *rest)
+                done = verlet_in_threads(self.threads, *scene, *rest)
         self._close(books)
+        self.near = False
         return done
 
     def _count(self, steps: int, dt: float) -> None:
@@ -605,8 +609,8 @@ class Advance:
         if len(floe):
             x, y, r, h = (p.floes[name][floe] for name in ("x", "y", "r", "h"))
             axis, side, position = (walls[name][number] for name in ("axis", "side", "position"))
-            pressed = np.minimum(side * (np.where(axis == 0, x, y) - position) - r, 0.0)
-            energy += 0.5 * self.contact.elastic.youngs_modulus * float((h * pressed**2).sum())
+            overlap = np.minimum(side * (np.where(axis == 0, x, y) - position) - r, 0.0)
+            energy += 0.5 * self.contact.elastic.youngs_modulus * float((h * overlap**2).sum())
         return energy
 
     def kept_energy(self) -> float:

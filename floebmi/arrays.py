@@ -18,6 +18,19 @@ def _all_below(values, bound):
     return small
 
 
+def all_within(values: np.ndarray, low: float, high: float) -> bool:
+    """Whether every number is at least `low` and less than `high`."""
+    return _all_within(values, low, high)
+
+
+@in_place
+def _all_within(values, low, high):
+    within = True
+    for k in range(values.size):
+        within &= (values[k] >= low) & (values[k] < high)
+    return within
+
+
 def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two arrays of one kind and length, each in one piece, are the same bit by bit."""
     return _same_bits(one.view(np.uint8), other.view(np.uint8))

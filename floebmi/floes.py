@@ -282,12 +282,15 @@ class Floes:
         """
         if other is self:
             return True
-        mine = self._columns.keys()
-        shared = mine & (mine if names is None else set(names))
+        n, mine, others = self._n, self._columns, other._columns
         return (
-            len(self) == len(other)
-            and mine == other._columns.keys()
-            and all(same_bits(getattr(self, name), getattr(other, name)) for name in shared)
+            n == other._n
+            and mine.keys() == others.keys()
+            and all(
+                same_bits(mine[name][:n], others[name][:n])
+                for name in mine
+                if names is None or name in names
+            )
         )
 
     def copy(self) -> "Floes":

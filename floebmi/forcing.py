@@ -28,7 +28,6 @@ from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Position
 from floebmi.quantities import FASTEST_CURRENT, FASTEST_WIND, is_number, unmasked
 from floebmi.remap import FillLand, around_cells, interpolate
-from floebmi.scalars import read_scalar
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
@@ -89,7 +88,7 @@ _WRONG_ANGLE = 0.1
 
 
 __all__ = [
-    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors", "read_scalar",
+    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors",
 ]  # fmt: skip
 
 

@@ -19,9 +19,9 @@ over the edges is exact for convex and concave polygons, wherever O lies.
 
 A disc and a rectangle.  With H(x) the area of the disc west of a line at x from O,
 
-    H(x) = r² (π/2 + asin(x/r)) + x √(r² − x²),
+    H(x) = r² (π/2 + asin(x/r)) + x √(r² − x²) = r² s(1 − |x|/r) for x ≤ 0, else π r² less that,
 
-the area south-west of a corner (x, y) needs no more than H of its two lines, and the rectangle is
+s(h) being the segment of height h of the unit disc, the area south-west of a corner (x, y) needs no more than H of its two lines, and the rectangle is
 the sum of its four corners with signs + − + −.  One H serves a whole line of a rectilinear grid.
 
 A branch, the line from one floe's centre to another's, is cut where it crosses edges; each piece
@@ -87,40 +87,42 @@ def disc_polygon(corner_x, corner_y, x, y, r):
     return 0.5 * twice
 
 
-@jit
-def arcsine(x, r):
-    """asin(x/r) to round-off, for |x| <= r, by the rational function of fdlibm (Sun, e_asin.c, 1993).
+# s(h) over h^(3/2), h = 0 … 1: a polynomial in 2 h − 1, interpolated at Chebyshev points, within 6e-17 of
+# (acos(1 − h) − (1 − h) √(2 h − h²)) / h^(3/2).  The terms of even powers, and of odd ones.
+EVEN = (
+    1.7371770873806551, -8.779284872174e-03, -1.8258110411525902e-04, -7.571550556357413e-06,
+    -4.1611048759902377e-07, -2.6708789646852933e-08, -1.9053409611095405e-09, -1.327408887000293e-10,
+    -1.6938704942330393e-11,
+)  # fmt: skip
+ODD = (
+    -1.562758882878033e-01, -1.0977312731847981e-03, -3.5415582409041966e-05, -1.7315790080773544e-06,
+    -1.0384600074215956e-07, -7.073189254510742e-09, -4.850629678204799e-10, -5.795678616441545e-11,
+)  # fmt: skip
 
-    It compiles inline, where the C library's takes as long as all the rest of `disc_west`.  And of a line that all
-    but touches the disc it knows r − |x| exactly, where x/r has lost it.
-    """
-    over = 1.0 / r
-    s = x * over
-    far = abs(s) > 0.5
-    z = 0.5 * (r - abs(x)) * over if far else s * s
-    above = 2.01212532134862925881e-01 + z * (-4.00555345006794114027e-02 + z * (
-        7.91534994289814532176e-04 + z * 3.47933107596021167570e-05
-    ))  # fmt: skip
-    above = z * (1.66666666666666657415e-01 + z * (-3.25565818622400915405e-01 + z * above))
-    below = 2.02094576023350569471e00 + z * (
-        -6.88283971605453293030e-01 + z * 7.70381505559019352791e-02
-    )  # fmt: skip
-    below = 1.0 + z * (-2.40339491173441421878e00 + z * below)
-    # √z or |s|, but not as a choice: the compiler would branch, and half of that is foreseen wrongly
-    root = max(math.sqrt(z), 0.0 if far else abs(s))
-    angle = root * (1.0 + above / below)  # asin √z
-    # asin(s) = π/2 − 2 asin √((1 − s)/2)
-    return math.copysign(0.5 * math.pi - 2.0 * angle if far else angle, s)
+
+@jit
+def horner(coefficients, x):
+    """The polynomial with these coefficients, that of the power 0 first."""
+    total = coefficients[-1]
+    for k in range(len(coefficients) - 2, -1, -1):
+        total = total * x + coefficients[k]
+    return total
 
 
 @jit
 def disc_west(x, r):
-    """H: area of the disc about O that lies west of the line at x [m²]."""
-    if x <= -r:
-        return 0.0
-    if x >= r:
-        return math.pi * r * r
-    return r * r * (0.5 * math.pi + arcsine(x, r)) + x * math.sqrt((r - x) * (r + x))
+    """H: area of the disc about O that lies west of the line at x [m²].
+
+    It compiles inline, where `asin` of the C library takes as long as all the rest; and of a line that all but touches
+    the disc it knows r − |x| exactly, where x/r has lost it.
+    """
+    full = math.pi * r * r
+    if abs(x) >= r:
+        return full if x > 0.0 else 0.0
+    h = (r - abs(x)) / r
+    t = 2.0 * h - 1.0
+    segment = r * r * h * math.sqrt(h) * (horner(EVEN, t * t) + t * horner(ODD, t * t))
+    return full - segment if x > 0.0 else segment
 
 
 @jit
@@ -128,8 +130,8 @@ def disc_south_west(x, y, west, south, r):
     """Area of the disc about O south-west of the corner (x, y), from H of its lines [m²]."""
     full = math.pi * r * r  # all cases are computed: which it is cannot be foreseen
     inside = x * y + 0.5 * (west + south) - 0.25 * full
-    beyond = west + south - full if (x > 0.0) & (y > 0.0) else min(west, south)
-    beyond = 0.0 if (x <= 0.0) & (y <= 0.0) else beyond
+    beyond = west if y > 0.0 else 0.0
+    beyond += (south - full if y > 0.0 else south) if x > 0.0 else 0.0
     return inside if x * x + y * y < r * r else beyond
 
 

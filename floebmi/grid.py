@@ -29,13 +29,19 @@ FLAT = 1e-12  # a cell whose area is below this times its diameter squared has n
 SLOTS_PER_COLUMN = 16  # upper bound on the table along an axis, for strongly stretched edges
 
 
-class Axes(NamedTuple):
-    """The grid lines of a rectilinear grid, and look-up tables for `column`."""
+class Axis(NamedTuple):
+    """The grid lines across one axis of a rectilinear grid, with a look-up table for `column`."""
 
-    x: np.ndarray  # (nx + 1,) [m]
-    x_first: np.ndarray
-    y: np.ndarray  # (ny + 1,) [m]
-    y_first: np.ndarray
+    edges: np.ndarray  # (columns + 1,) [m]
+    first: np.ndarray  # column in which each of many equal slots begins; a slot is a column or less
+    scale: float  # slots per metre
+
+
+class Axes(NamedTuple):
+    """Both axes of a rectilinear grid."""
+
+    x: Axis
+    y: Axis
 
 
 class Bins(NamedTuple):
@@ -55,11 +61,11 @@ class Bins(NamedTuple):
 
 
 @jit
-def column(edges, first, x):
+def column(axis, x):
     """Index i with edges[i] <= x < edges[i+1], for x inside the edges."""
+    edges, first, scale = axis
     last = edges.size - 2
-    slot = int((x - edges[0]) * (first.size / (edges[-1] - edges[0])))
-    i = first[min(max(slot, 0), first.size - 1)]
+    i = first[min(max(int((x - edges[0]) * scale), 0), first.size - 1)]
     while i < last and x >= edges[i + 1]:
         i += 1
     while i > 0 and x < edges[i]:
@@ -354,7 +360,7 @@ class Grid:
         """Grid lines with their look-up tables (rectilinear grids)."""
         if self.x_edges is None or self.y_edges is None:
             raise InputError(f"grid: kind {self.kind!r} has no edges; only rectilinear grids have")
-        return Axes(self.x_edges, _slots(self.x_edges), self.y_edges, _slots(self.y_edges))
+        return Axes(_axis(self.x_edges), _axis(self.y_edges))
 
     @functools.cached_property
     def bins(self) -> Bins:
@@ -619,10 +625,10 @@ def _middles(edges: np.ndarray) -> np.ndarray:
     return 0.5 * (edges[:-1] + edges[1:])
 
 
-def _slots(edges: np.ndarray) -> np.ndarray:
-    """Column in which each of many equal slots along an axis begins; a slot is a column or less."""
+def _axis(edges: np.ndarray) -> Axis:
     columns = edges.size - 1
     span = edges[-1] - edges[0]
     count = min(round(span / np.diff(edges).min()), SLOTS_PER_COLUMN * columns)
     starts = edges[0] + span / count * np.arange(count)
-    return np.clip(np.searchsorted(edges, starts, side="right") - 1, 0, columns - 1)
+    first = np.clip(np.searchsorted(edges, starts, side="right") - 1, 0, columns - 1)
+    return Axis(edges, first, float(count / span))

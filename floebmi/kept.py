@@ -11,7 +11,7 @@ import numpy as np
 
 from floebmi.dynamics import Lists
 from floebmi.floes import Floes
-from floebmi.pack import Packed, Stiffest, remembered
+from floebmi.pack import Packed, Stiffest, Survey, remembered
 from floebmi.pairs import PairList
 
 # What decides which floes are listed as neighbours; the step depends on the thickness as well.
@@ -44,6 +44,7 @@ class Kept(NamedTuple):
     floes : as the exchange left them
     packed : the same, in arrays that the next exchange works in: of what they hold it trusts what lasts as long as
         radius and thickness; None: pack them anew
+    survey : how they fare, if that is known
     """
 
     x: np.ndarray
@@ -59,14 +60,15 @@ class Kept(NamedTuple):
     stiffest: Stiffest | None
     floes: Floes
     packed: Packed | None
+    survey: Survey | None
 
     def of(self, floes: Floes) -> "Kept | None":
         """As much of it as holds for floes that somebody may have changed since; None: list them anew."""
         if not floes.same(self.floes, DECISIVE):
             return None
-        if floes.same(self.floes, ("thickness",)):
-            return self
-        return self._replace(stiffest=None, packed=None)
+        if not floes.same(self.floes, ("thickness",)):
+            return self._replace(stiffest=None, packed=None, survey=None)
+        return self if floes.same(self.floes) else self._replace(survey=None)
 
 
 class Marks(NamedTuple):

@@ -30,7 +30,7 @@ from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, choose
-from floebmi.floes import Floes
+from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import (
     ACCOUNTS,
     FLUID_U,
@@ -39,7 +39,6 @@ from floebmi.forces import (
     PARAMETER,
     RATE,
     SPIN_RATE,
-    WORK,
     AirDrag,
     BodyForce,
     Coriolis,
@@ -52,6 +51,7 @@ from floebmi.forces import (
     at_floes,
     bulk_coefficient,
     by_block,
+    given,
     lanes,
 )
 from floebmi.grid import Grid
@@ -192,11 +192,13 @@ class Fluid:
         found = {name: getattr(self, name) for name in names}
         return {name: values for name, values in found.items() if values is not None}
 
-    def vorticity(self) -> np.ndarray:
-        """∂v/∂x − ∂u/∂y [1/s], shape (grid.size,)."""
+    def half_curl(self) -> np.ndarray:
+        """½ (∂v/∂x − ∂u/∂y), how fast the fluid turns [1/s], shape (grid.size,)."""
         if self._curl is None:
             self._curl = Vorticity(self.grid)
-        return self._curl(self.u, self.v)
+        curl = self._curl(self.u, self.v)
+        curl *= 0.5
+        return curl
 
 
 def _check_kinds(
@@ -628,7 +630,8 @@ class Model:
             grid = id(fluid.grid)
             if grid not in weights:
                 weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
-                dry = np.flatnonzero(without_cell(weights[grid])[order])
+                dry = without_cell(weights[grid])
+                dry = np.flatnonzero(dry[order]) if dry.any() else np.empty(0, np.int64)
                 nowhere[grid] = np.divmod(dry, BLOCK)
             if isinstance(force, CoriolisField):
                 reads[grid] += [(fluid.coriolis, lanes(at, PARAMETER))]
@@ -640,13 +643,10 @@ class Model:
             reads[grid] += [(fluid.u, lanes(at, FLUID_U)), (fluid.v, lanes(at, FLUID_V))]
             lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
             if self.floes.rotation:
-                reads[grid] += [(fluid.vorticity(), lanes(at, HALF_CURL))]
+                reads[grid] += [(fluid.half_curl(), lanes(at, HALF_CURL))]
                 lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
         for grid, each in reads.items():
             gather_each(weights[grid], order, *zip(*each, strict=True))
-        for force, at in zip(self.forces, self._at, strict=True):
-            if self.floes.rotation and isinstance(force, OceanDrag | AirDrag):
-                lanes(at, HALF_CURL)[:] *= 0.5
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
@@ -658,7 +658,7 @@ class Model:
         """The impulse and the work of each force are an account of the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
-            x, y, work = at[:, : (WORK + 1) * BLOCK].sum(axis=0).reshape(-1, BLOCK).sum(axis=1)
+            x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
     def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
@@ -974,8 +974,8 @@ class Model:
         """Velocity components that the forces can change."""
         f = self.floes
         bits = f.motion[f.active].astype(int)
-        free = sum(int(((bits & bit) == 0).sum()) for bit in ((1, 2, 4) if f.rotation else (1, 2)))
-        return free
+        axes = (FIXED_X, FIXED_Y, FIXED_ROTATION) if f.rotation else (FIXED_X, FIXED_Y)
+        return sum(int(((bits & axis) == 0).sum()) for axis in axes)
 
     def __repr__(self) -> str:
         d = self.domain

@@ -26,7 +26,7 @@ from floebmi.dynamics import Step, Walls
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND, Floes
 from floebmi.kernels import dispatched, in_place, inner, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
-from floebmi.pairs import PairList, least_of, recall, remembering, wrap
+from floebmi.pairs import PairList, least_of, recall, remember, remembering, wrap
 from floebmi.tiles import Tiles, by_tile, coast_last
 
 
@@ -174,11 +174,13 @@ def pack_again(
     Radius, thickness and prescribed motion are those of before; forces are left to be found.
     """
     number = packed.number
-    _set_going(packed.floes, first_x, first_y, number, floes.u, floes.v)
-    if packed.spinning is not None:
-        packed.floes["omega"] = floes.angular_velocity[number]
+    angle = None if packed.spinning is None else np.empty(len(number))
+    _set_going(
+        packed.floes, packed.spinning, angle, first_x, first_y, number, floes.u, floes.v,
+        floes.angular_velocity, floes.angle,
+    )  # fmt: skip
     return packed._replace(
-        angle=None if packed.spinning is None else floes.angle[number],
+        angle=angle,
         first_x=first_x,
         first_y=first_y,
         previous=None if previous is None else previous[number],
@@ -187,11 +189,13 @@ def pack_again(
 
 
 @in_place
-def _set_going(records, x, y, number, u, v):
+def _set_going(records, spinning, angle, x, y, number, u, v, omega, all_angles):
     """Write records one after the other: column by column each would be fetched many times."""
     for k in range(number.size):
         floe, record = np.uintp(number[k]), records[k]
         record.x, record.y, record.u, record.v = x[k], y[k], u[floe], v[floe]
+        set_omega(spinning, k, recall(omega, floe))
+        remember(angle, k, recall(all_angles, floe))
 
 
 def unpack(
@@ -200,7 +204,8 @@ def unpack(
     """Copy what moved back into the floes."""
     p, number = packed, packed.number
     _put_back(
-        p.floes, number, p.first_x, p.first_y, p.origin_x, p.origin_y, floes.x, floes.y, floes.u, floes.v
+        p.floes, p.spinning, p.angle, number, p.first_x, p.first_y, p.origin_x, p.origin_y,
+        floes.x, floes.y, floes.u, floes.v, floes.angular_velocity, floes.angle,
     )  # fmt: skip
     if remainder is not None:
         # not in a kernel, whose fast mathematics would find that rounding takes nothing
@@ -213,15 +218,14 @@ def unpack(
             moved = now != first
             of = number[moved]
             remainder[of, axis] = now[moved] - (place[of] - origin)
-    if p.spinning is not None:
-        floes.angle[number] = p.angle
-        floes.angular_velocity[number] = p.floes.omega
     if previous is not None:
         previous[number] = p.previous
 
 
 @in_place
-def _put_back(records, number, first_x, first_y, origin_x, origin_y, x, y, u, v):
+def _put_back(
+    records, spinning, angle, number, first_x, first_y, origin_x, origin_y, x, y, u, v, omega, all_angles
+):  # fmt: skip
     for k in range(number.size):
         floe, record = np.uintp(number[k]), records[k]
         if record.x != first_x[k]:  # one that did not move keeps its place to the bit
@@ -229,6 +233,8 @@ def _put_back(records, number, first_x, first_y, origin_x, origin_y, x, y, u, v)
         if record.y != first_y[k]:
             y[floe] = record.y + origin_y
         u[floe], v[floe] = record.u, record.v
+        remember(omega, floe, omega_of(spinning, k))
+        remember(all_angles, floe, recall(angle, k))
 
 
 def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
@@ -599,6 +605,17 @@ def omega_of(spinning, k):
 @omega_of.register
 def _(spinning: None, k):
     return 0.0
+
+
+@dispatched
+def set_omega(spinning, k, omega):
+    """Give a floe its angular velocity, where floes turn."""
+    spinning[k].omega = omega
+
+
+@set_omega.register
+def _(spinning: None, k, omega):
+    pass
 
 
 @in_place

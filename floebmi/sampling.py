@@ -24,12 +24,13 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numba.extending import overload
 
 from floebmi.arrays import all_finite
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
 from floebmi.grid import Bins, Grid, bin_of, column
-from floebmi.kernels import BLOCK, dispatched, in_place, jit
+from floebmi.kernels import BLOCK, IN_PLACE, dispatched, in_place, jit
 
 Period = tuple[float | None, float | None]
 
@@ -77,18 +78,6 @@ class Coverage(NamedTuple):
     inside: np.ndarray
 
 
-@jit
-def _with_room(cell, area, needed):
-    """The same arrays, or longer ones with the same entries."""
-    if needed <= cell.size:
-        return cell, area
-    more_cell, more_area = np.empty(2 * needed, np.int32), np.empty(2 * needed, np.float64)
-    for e in range(cell.size):  # a loop, since numba takes seconds to compile a slice assignment
-        more_cell[e] = cell[e]
-        more_area[e] = area[e]
-    return more_cell, more_area
-
-
 class Polygons(NamedTuple):
     """Cells of any shape, with the raster that finds them."""
 
@@ -101,8 +90,8 @@ class Polygons(NamedTuple):
 def _reached(cells, x, y, r):
     """First and last column, first and last row of the grid, or of the raster, that a disc may reach."""
     return (
-        column(cells.x, cells.x_first, x - r), column(cells.x, cells.x_first, x + r),
-        column(cells.y, cells.y_first, y - r), column(cells.y, cells.y_first, y + r),
+        column(cells.x, x - r), column(cells.x, x + r),
+        column(cells.y, y - r), column(cells.y, y + r),
     )  # fmt: skip
 
 
@@ -137,7 +126,7 @@ def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
         area of the disc east of it, west of the next, south of the row
     """
     # unsigned indices: no wrap-around; and no branches that cannot be foreseen: a quarter of the time
-    x_edges, y_edges, one = cells.x, cells.y, np.uintp(1)
+    x_edges, y_edges, one = cells.x.edges, cells.y.edges, np.uintp(1)
     nx, first, last = np.uintp(x_edges.size - 1), np.uintp(i0), np.uintp(i1 + 1)
     place, west, south = lines
     least, total = ROUND_OFF * math.pi * r * r, 0.0
@@ -191,30 +180,33 @@ def _(cells: Polygons, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
     return m, total
 
 
-@jit
+@in_place
 def _coverage(
-    cells, bounds, lengths, x, y, radius, of, start, outside, inside, cell, area, lines
+    cells, bounds, lengths, x, y, radius, of, first, start, outside, inside, cell, area, lines
 ):  # fmt: skip
-    """Areas of discs, and of their images, in cells: fills start, outside, inside; returns cell, area."""
+    """Areas of discs, and of their images, in cells, from the first disc on: fills start, outside, inside, cell, area.
+
+    Returns which disc finds no room in cell and area, or the number of discs.
+    """
     west, east, south, north = bounds
-    m = 0
-    for k in range(x.size):
-        outside[k] = inside[k] = 0.0
-        start[k + 1] = m
-        if not of[k]:
-            continue
+    m = start[first]
+    for k in range(first, x.size):
         r, total = radius[k], 0.0
         first_x, last_x = _repeats(x[k], r, west, east, lengths[0])
         first_y, last_y = _repeats(y[k], r, south, north, lengths[1])
+        if not of[k]:
+            last_y = first_y - 1
         for along_y in range(first_y, last_y + 1):
             for along_x in range(first_x, last_x + 1):
                 cx, cy = x[k] + along_x * lengths[0], y[k] + along_y * lengths[1]
                 i0, i1, j0, j1 = _reached(cells, cx, cy, r)
-                cell, area = _with_room(cell, area, m + _most(cells, i0, i1, j0, j1))
+                if m + _most(cells, i0, i1, j0, j1) > cell.size:
+                    return k
                 m, amount = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines)
                 total += amount
-        start[k + 1], outside[k], inside[k] = m, math.pi * r * r - total, total
-    return cell, area
+        start[k + 1], inside[k] = m, total
+        outside[k] = math.pi * r * r - total if of[k] else 0.0
+    return x.size
 
 
 @in_place
@@ -242,17 +234,31 @@ def _gather(start, cell, amount, over, field, out):
             out[k, q] = over[k] * total
 
 
+def _plus(sums: tuple[float, ...], amount: float, fields: tuple[np.ndarray, ...], c: int) -> tuple:
+    """Sums, one of each field, and an amount of what the fields are in cell c."""
+    return tuple(total + amount * field[c] for total, field in zip(sums, fields, strict=True))
+
+
+@overload(_plus, jit_options=IN_PLACE)
+def _unrolled_plus(sums, amount, fields, c):
+    if len(fields) == 0:
+        return lambda sums, amount, fields, c: ()
+    return lambda sums, amount, fields, c: (
+        sums[0] + amount * fields[0][c],
+        *_plus(sums[1:], amount, fields[1:], c),
+    )
+
+
 @in_place
-def _gather_each(start, cell, amount, over, number, fields, outs):
+def _gather_each(start, cell, amount, over, number, fields, nothing, outs):
     for k in range(number.size):
         # unsigned: no wrap-around of negative indices, a third of the time
         floe, block, lane = np.uintp(number[k]), np.uintp(k // BLOCK), np.uintp(k % BLOCK)
-        first, last = np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])
-        for q in range(len(fields)):
-            field, total = fields[q], 0.0
-            for m in range(first, last):
-                total += amount[m] * field[np.uintp(cell[m])]
-            outs[q][block, lane] = over[floe] * total
+        sums = nothing
+        for m in range(np.uintp(start[floe]), np.uintp(start[floe + np.uintp(1)])):
+            sums = _plus(sums, amount[m], fields, np.uintp(cell[m]))
+        for q in range(len(outs)):
+            outs[q][block, lane] = over[floe] * sums[q]
 
 
 @in_place
@@ -267,11 +273,13 @@ def check_floes(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres and radii [m] as float64 arrays of one shape (n,), finite, the radii positive."""
-    try:
-        arrays = np.broadcast_arrays(np.atleast_1d(x), y, radius)
-    except ValueError:
-        shapes = ", ".join(str(np.shape(values)) for values in (x, y, radius))
-        raise InputError(f"floes: x, y, radius are {shapes}: must be one shape (n,)") from None
+    arrays = x, y, radius
+    if len({np.shape(values) for values in arrays}) > 1:
+        try:
+            arrays = np.broadcast_arrays(*arrays)
+        except ValueError:
+            shapes = ", ".join(str(np.shape(values)) for values in arrays)
+            raise InputError(f"floes: x, y, radius are {shapes}: must be one shape (n,)") from None
     x, y, radius = (np.ascontiguousarray(values, np.float64) for values in arrays)
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
@@ -279,7 +287,8 @@ def check_floes(
         if not all_finite(values):
             k = int(np.flatnonzero(~np.isfinite(values))[0])
             raise InputError(f"floe {k}: {name} = {values[k]}: must be finite")
-    for k in np.flatnonzero(radius <= 0):
+    if radius.min(initial=1.0) <= 0:
+        k = int(np.argmax(radius <= 0))
         raise InputError(f"floe {k}: radius = {radius[k]}: must be greater than 0")
     return x, y, radius
 
@@ -384,12 +393,18 @@ def coverage(
     n = x.size
     rectilinear = grid.x_edges is not None
     cells = grid.axes if rectilinear else Polygons(grid.bins, grid.corner_x, grid.corner_y)
+    lines = tuple(np.empty((3, grid.x_edges.size if rectilinear else 0)))
+    discs = x, y, radius, np.ones(n, bool) if of is None else of
     start, outside, inside = np.zeros(n + 1, np.int64), np.empty(n), np.empty(n)
-    cell, area = _coverage(
-        cells, grid.bounds, check_period(grid, period), x, y, radius, np.ones(n, bool) if of is None else of,
-        start, outside, inside, np.empty(12 * n, np.int32), np.empty(12 * n),
-        tuple(np.empty((3, grid.x_edges.size if rectilinear else 0))),
-    )  # fmt: skip
+    cell, area = np.empty(12 * n, np.int32), np.empty(12 * n)
+    lengths, done = check_period(grid, period), 0
+    while True:
+        done = _coverage(
+            cells, grid.bounds, lengths, *discs, done, start, outside, inside, cell, area, lines
+        )
+        if done == n:
+            break
+        cell, area = (np.concatenate([values, np.empty_like(values)]) for values in (cell, area))
     return Coverage(start, cell[: start[-1]], area[: start[-1]], grid.size, outside, inside)
 
 
@@ -405,7 +420,15 @@ def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
 
 def _over(total: np.ndarray) -> np.ndarray:
     """One over the sums of rows; 0 of empty ones."""
-    return 1.0 / np.where(total > 0.0, total, np.inf)
+    over = np.empty_like(total)
+    _invert(total, over)
+    return over
+
+
+@in_place
+def _invert(total, over):
+    for k in range(total.size):
+        over[k] = 1.0 / total[k] if total[k] > 0.0 else 0.0
 
 
 def _around(
@@ -530,7 +553,7 @@ def gather_each(
 
     outs : one of each field, (blocks, BLOCK), filled in the order of the numbers; the weights are read once
     """
-    _gather_each(*weights[:-1], number, fields, outs)
+    _gather_each(*weights[:-1], number, fields, (0.0,) * len(fields), outs)
 
 
 def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:

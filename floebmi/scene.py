@@ -47,8 +47,7 @@ from floebmi.projection import check_projection
 from floebmi.quantities import NonNegative, Positive, PositiveFraction
 from floebmi.running import check_intervals
 from floebmi.scenes import packaged
-from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
-from floebmi.sizes import from_file as sizes_from_file
+from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import (
     Table,
     apply_override,
@@ -401,6 +400,8 @@ class InflowTable(_Inflow):
 
 # ---- contact and forces -----------------------------------------------------------------------
 
+_FRICTIONS = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
+
 
 class Parts(Table):
     """A contact law in parts; a part that is left out is not modelled."""
@@ -410,10 +411,7 @@ class Parts(Table):
     friction: (
         one_of(
             "law",
-            {
-                "coulomb": table_of(Coulomb, "law", "coulomb"),
-                "damsgaard2018": table_of(Damsgaard2018Coulomb, "law", "damsgaard2018"),
-            },
+            {name: table_of(law, "law", name) for name, law in _FRICTIONS.items()},
             "coulomb",
         )
         | None
@@ -425,10 +423,9 @@ class Parts(Table):
     )
 
     def build(self) -> Contact:
-        laws = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
         friction = None
         if self.friction is not None:
-            friction = law_of(self.friction, laws[self.friction.law])
+            friction = law_of(self.friction, _FRICTIONS[self.friction.law])
         return Contact(self.elastic, friction, self.bonds, self.dashpot, self.failure)
 
 
@@ -1022,18 +1019,21 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     text = read_text(path)
     tables = parse(text, str(path), yaml=_SUFFIXES[path.suffix])
     changes = tuple(parse_override(override) for override in overrides)
-    for name in ("floes", "inflow"):  # one table stands for a list of one
-        if isinstance(tables.get(name), dict):
-            tables[name] = [tables[name]]
+    _as_lists(tables)
     for change in changes:
         apply_override(tables, change, {"contact": ("model", _CONTACTS)})
-    for name in ("floes", "inflow"):  # an override may have made the table
-        if isinstance(tables.get(name), dict):
-            tables[name] = [tables[name]]
+    _as_lists(tables)  # an override may have made the table
     read: Scene = validate(Scene, tables, str(path), changes)
     read._file = path
     read._text = text + "".join(f"\n# --set {change.text}" for change in changes)
     return read
+
+
+def _as_lists(tables: dict) -> None:
+    """One table of floes or inflow stands for a list of one."""
+    for name in ("floes", "inflow"):
+        if isinstance(tables.get(name), dict):
+            tables[name] = [tables[name]]
 
 
 def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:

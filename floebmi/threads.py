@@ -27,11 +27,11 @@ from floebmi.pack import Packed
 from floebmi.pairs import narrow, settle
 
 
-def verlet(
-    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, dt: float, steps: int,
+def verlet_in_threads(
+    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, way: float, dt: float, steps: int,
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
-    """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
+    """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so that threads of Python will do."""
     p, chunks = packed, lists.tiles.chunks
     threads = min(threads, len(chunks) - 1)
     seams, period = chunks[-1], (laws.period_x, laws.period_y)
@@ -40,7 +40,7 @@ def verlet(
         for _ in range(threads)
     ]
     bounds = [chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)]
-    done, kicks, way, since = 0, (0.0, first_kick), 0.0, np.inf
+    done, kicks, since = 0, (0.0, first_kick), 0.0
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
 
         def share(work: Callable[[int, int, int], float]) -> float:

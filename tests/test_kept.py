@@ -163,6 +163,19 @@ def test_an_edit_of_what_does_not_decide_neighbours_goes_on_with_the_list(edit):
     assert model.floes.x == pytest.approx(go_on(anew, 4).floes.x, abs=1e-6)
 
 
+def test_an_edit_of_how_fast_floes_go_sets_the_sub_steps_of_their_drag(monkeypatch):
+    def thrown() -> tuple[Model, Model]:
+        forces = [OceanDrag(vertical=100.0), *LAWS["forces"][1:]]
+        model, second = (go_on(jostle(drift=0.0, forces=forces, seed=k), 2) for k in (0, 9))
+        model.floes.u[7] = 30.0
+        second.restore(model.state())
+        return go_on(model, 1), go_on(second, 1)
+
+    assert same(*thrown()) == []
+    monkeypatch.setattr(Kept, "of", lambda kept, floes: kept)
+    assert "floes_u" in same(*thrown())
+
+
 def test_a_failed_exchange_leaves_the_list_as_it_was(monkeypatch):
     model, second = amid(), amid()
     before, finish = model.state(), Advance.finish

@@ -24,6 +24,7 @@ from floebmi.grid import Grid
 from floebmi.kernels import FASTMATH
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
+from floebmi.pack import pack
 from floebmi.sizes import PowerLaw
 
 DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
@@ -71,8 +72,8 @@ def push_code(*forces):
         )
         for force in forces
     )
-    one, none, buffer = np.ones(1), np.zeros(0, np.int64), np.zeros(FORCE_BUFFER)
-    arguments = forces, at, 0, 1, one, None, one, one, None, none, 1.0, np.zeros(3), buffer
+    one = pack(f, np.arange(len(f)), f.x, f.y, 934.0, None, (0.0, 0.0))
+    arguments = forces, at, one, 0, 1, 1.0, np.zeros(3), np.zeros(FORCE_BUFFER)
     return machine_code(dynamics.push, *arguments)
 
 
