@@ -485,7 +485,7 @@ class Advance:
         if self.step.length is None and self.step.epsilon is None and self.contact is None:
             # nothing else says how long a way at one velocity may be
             dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
-        if rest > MOST_STEPS * dt:
+        if rest / MOST_STEPS > dt:
             raise StabilityError(
                 f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
                 f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"

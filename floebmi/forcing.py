@@ -26,7 +26,7 @@ from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity
 from floebmi.grid import Grid
 from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Position
-from floebmi.quantities import FASTEST_CURRENT, FASTEST_WIND, is_number, unmasked
+from floebmi.quantities import is_number, unmasked
 from floebmi.remap import FillLand, around_cells, interpolate
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ _VELOCITIES = {
     ),
 }
 USUAL_LEVEL = {"ocean": 0.0, "wind": 10.0}  # depth or height [m]
-_FASTEST = {"ocean": FASTEST_CURRENT, "wind": FASTEST_WIND}
+# Faster than any current or wind [m/s]: a wrong unit, or a fill value that the file does not declare.
+_FASTEST = {"ocean": 20.0, "wind": 200.0}
 # An `angle` this far from the direction of the columns is worth a warning [rad].
 _WRONG_ANGLE = 0.1
 

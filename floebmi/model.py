@@ -71,8 +71,6 @@ from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import (
-    FASTEST_CURRENT,
-    FASTEST_WIND,
     check,
     is_number,
     unmasked,
@@ -94,6 +92,7 @@ OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
 SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
+FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
 STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
 
@@ -478,8 +477,8 @@ class Model:
         Raises
         ------
         InputError
-            for a duration that is negative or not finite, for a NaN in a wet cell of a fluid or a velocity
-            that no current (20 m/s) or wind (200 m/s) has, and for floes that an edit has put onto each other.
+            for a duration that is negative or not finite, for a NaN in a wet cell of a fluid or a velocity of
+            1000 m/s or more, and for floes that an edit has put onto each other.
         StabilityError
             if floes leave what the step resolves: a floe moves more than half its radius in a step or
             overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
@@ -561,9 +560,7 @@ class Model:
             ledger.book("edits by the user", *change)
 
     def _check_fluids(self) -> None:
-        for what, fluid, fastest in (
-            ("ocean", self.ocean, FASTEST_CURRENT), ("atmosphere", self.atmosphere, FASTEST_WIND)
-        ):  # fmt: skip
+        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
             if fluid is None:
                 continue
             thickness = fluid.layer_thickness
@@ -572,7 +569,7 @@ class Model:
                     f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
                 )
             for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
-                values, bound = getattr(fluid, name), fastest if name in ("u", "v") else np.inf
+                values, bound = getattr(fluid, name), FASTEST if name in ("u", "v") else np.inf
                 if values is None or all_finite(values, bound):
                     continue
                 wrong = ~(np.abs(values) < bound) & fluid.grid.wet

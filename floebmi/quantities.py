@@ -16,8 +16,6 @@ Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
 PositiveFraction = Annotated[float, Gt(0), Le(1)]
 Count = Annotated[int, Ge(1)]
-# Faster than any [m/s]: a wrong unit, or a fill value that nobody declared.
-FASTEST_CURRENT, FASTEST_WIND = 20.0, 200.0
 PoissonRatio = Annotated[float, Ge(0), Le(0.5)]
 
 _BOUNDS = {
