@@ -67,6 +67,7 @@ from floebmi.threads import verlet_in_threads
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
 CLOSING = 0.3
+MOST_STEPS = 1e12  # of one exchange: they would take hours for a single floe
 NARROWEST, WIDEST = 3.0, 6.0  # how much wider than that the list of pairs is
 FEW = 3000  # a list costs as much as one of so many floes more would: few floes rather have a wider one
 NEAR = 0.1  # the skin of the short list, of the same
@@ -481,15 +482,22 @@ class Advance:
     def _some_steps(self, done: float, duration: float) -> float:
         """Steps until the time is reached or the list may be stale; returns the time reached."""
         rest, dt = duration - done, self.longest_step()
+        if self.step.length is None and self.step.epsilon is None and self.contact is None:
+            # nothing else says how long a way at one velocity may be
+            dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
+        if rest / MOST_STEPS > dt:
+            raise StabilityError(
+                f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
+                f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"
+            )
         if self.step.length is None and self.step.epsilon is None:
-            if self.contact is None:  # nothing else says how long a way at one velocity may be
-                dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
             steps = max(1, int(np.ceil(rest / dt - 1e-9)))
             dt = rest / steps
         else:
             steps = max(1, int(rest / dt + 1e-9))  # a shorter one ends the interval
             dt = min(dt, rest)
         taken = 0
+        self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
         while taken < steps:
             n = self._kernel(dt, steps - taken)
             taken += n
@@ -559,16 +567,21 @@ class Advance:
         self.liveliest = max(self.liveliest, seen.energy)
         before, self.before = self.before, seen
         if self.contact is not None:
-            seen = max(seen, before, key=lambda each: each.pace)  # a contact may have stopped it
-            way = seen.pace * dt
-            if way > 0.5:
-                speed = seen.pace * p.floes[seen.which].r
-                raise StabilityError(
-                    f"floe {p.number[seen.which]}: moves {way:.2g} of its radius in one step "
-                    f"({speed:.3g} m/s), at most 0.5 is allowed, {at}; a step of {0.1 * dt / way:.2g} s would hold"
-                )
+            # a contact may have stopped it
+            self._check_pace(max(seen, before, key=lambda each: each.pace), dt, done)
             if self.contact.failure is None:  # else floes raft: one lies over the other
                 self._check_overlaps(at)
+
+    def _check_pace(self, seen: Survey, dt: float, done: float) -> None:
+        """Stop where a floe would miss another on its way, or has missed it."""
+        way = seen.pace * dt
+        if self.contact is not None and way > 0.5:
+            speed = seen.pace * self.packed.floes[seen.which].r
+            raise StabilityError(
+                f"floe {self.packed.number[seen.which]}: moves {way:.2g} of its radius in one step "
+                f"({speed:.3g} m/s), at most 0.5 is allowed, at t = {self.time + done:g} s with a step of {dt:g} s; "
+                f"a step of {0.1 * dt / way:.2g} s would hold"
+            )
 
     def _check_overlaps(self, at: str) -> None:
         p = self.packed

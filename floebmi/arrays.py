@@ -5,17 +5,17 @@ import numpy as np
 from floebmi.kernels import in_place
 
 
-def all_finite(values: np.ndarray) -> bool:
-    """Whether every number is finite."""
-    return _all_finite(np.ascontiguousarray(values, np.float64).reshape(-1))
+def all_finite(values: np.ndarray, below: float = np.inf) -> bool:
+    """Whether every number is finite, and of a size below a bound."""
+    return _all_below(np.ascontiguousarray(values, np.float64).reshape(-1), below)
 
 
 @in_place
-def _all_finite(values):
-    finite = True
+def _all_below(values, bound):
+    small = True
     for k in range(values.size):
-        finite &= abs(values[k]) < np.inf
-    return finite
+        small &= abs(values[k]) < bound
+    return small
 
 
 def all_within(values: np.ndarray, low: float, high: float) -> bool:

@@ -213,7 +213,7 @@ def read_features(
 
     path = Path(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
         kind = content["type"]
         features = content["features"] if kind == "FeatureCollection" else [content]
         if kind != "FeatureCollection" and kind != "Feature":

@@ -68,7 +68,8 @@ class _Column:
             raise InputError(
                 f"floes.{self.name}: all floes are alike; list a spread in the contact law"
             )
-        floes._columns[self.name][: len(floes)] = values
+        given = _motion_bits(values) if self.name == "motion" else unmasked(values)
+        floes._columns[self.name][: len(floes)] = given
 
 
 class _OptionalColumn(_Column):

@@ -238,7 +238,8 @@ class Grid:
             turned = np.flatnonzero(area < 0 if (area > 0).sum() >= area.size / 2 else area > 0)
             raise InputError(
                 f"grid: cell (row {turned[0] // nx}, column {turned[0] % nx}) is turned over:"
-                " the grid must not fold"
+                " the grid must not fold (in degrees, longitudes must not jump from one count to another; a"
+                " grid around a pole needs the metres of a plane)"
             )
         return cls._from_faces("curvilinear", (ny, nx), x.ravel(), y.ravel(), faces, wet)
 

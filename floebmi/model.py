@@ -20,6 +20,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
@@ -69,7 +70,12 @@ from floebmi.kernels import BLOCK
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
-from floebmi.quantities import check, is_number, words
+from floebmi.quantities import (
+    check,
+    is_number,
+    unmasked,
+    words,
+)
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -86,8 +92,35 @@ OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
 SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
+FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
 STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
+
+
+class _Cells:
+    """A field that somebody sets; assignment writes into the array that others may hold."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, fluid: "Fluid", owner: type | None = None) -> np.ndarray:
+        if fluid is None:
+            return self  # type: ignore[return-value]
+        return fluid._set[self.name]
+
+    def __set__(self, fluid: "Fluid", values: ArrayLike) -> None:
+        cells = fluid._set[self.name]
+        if cells is None:
+            raise InputError(f"{self.name}: no force of the model reads it; list the one that does")
+        try:
+            given = unmasked(values)
+        except (TypeError, ValueError):
+            raise InputError(f"{self.name} = {values!r}: must be numbers") from None
+        if given.ndim and given.size != cells.size:
+            raise InputError(
+                f"{self.name} has shape {given.shape}: must be one number or {cells.size} values, one a cell"
+            )
+        cells[:] = given.ravel() if given.ndim else given
 
 
 class Fluid:
@@ -110,6 +143,8 @@ class Fluid:
         when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
     """
 
+    u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
+
     def __init__(
         self, grid: Grid, ocean: bool = False, tilt: bool = False, coriolis: bool = False
     ) -> None:
@@ -117,9 +152,8 @@ class Fluid:
             return np.zeros(grid.size)
 
         self.grid = grid
-        self.u, self.v = zeros(), zeros()
-        self.tilt_x, self.tilt_y = (zeros(), zeros()) if tilt else (None, None)
-        self.coriolis = zeros() if coriolis else None
+        there = {"u": True, "v": True, "tilt_x": tilt, "tilt_y": tilt, "coriolis": coriolis}
+        self._set = {name: zeros() if wanted else None for name, wanted in there.items()}
         self.impulse_x, self.impulse_y = zeros(), zeros()
         self.last_x, self.last_y = zeros(), zeros()
         self._sizes = (zeros(), zeros()) if ocean else (None, None)
@@ -443,8 +477,8 @@ class Model:
         Raises
         ------
         InputError
-            for a duration that is negative or not finite, for a NaN in a fluid where a floe reads it, and for
-            floes that an edit has put onto each other.
+            for a duration that is negative or not finite, for a NaN in a wet cell of a fluid or a velocity of
+            1000 m/s or more, and for floes that an edit has put onto each other.
         StabilityError
             if floes leave what the step resolves: a floe moves more than half its radius in a step or
             overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
@@ -535,15 +569,18 @@ class Model:
                     f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
                 )
             for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
-                values = getattr(fluid, name)
-                if values is None or all_finite(values):
+                values, bound = getattr(fluid, name), FASTEST if name in ("u", "v") else np.inf
+                if values is None or all_finite(values, bound):
                     continue
-                wrong = ~np.isfinite(values) & fluid.grid.wet
+                wrong = ~(np.abs(values) < bound) & fluid.grid.wet
                 if wrong.any():
                     cell = int(np.argmax(wrong))
+                    right = "finite"
+                    if np.isfinite(values[cell]):
+                        right = f"a velocity below {bound:g} m/s (a fill value, or wrong units?)"
                     raise InputError(
                         f"{what}.{name}: {values[cell]} in wet cell {cell} at t = {self.time:g} s; "
-                        "must be finite"
+                        f"must be {right}"
                     )
 
     def coverage(self, grid: Grid | None = None) -> Coverage:

@@ -10,7 +10,6 @@ discs of a size ratio of 2 reach 0.88, where pressing alone jams at 0.84.  Floes
 are shaken instead, and order into grains.
 """
 
-import csv
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +26,7 @@ from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
 from floebmi.quantities import is_number, unmasked
-from floebmi.sizes import Sizes, check_sizes
+from floebmi.sizes import Sizes, check_sizes, csv_lines
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
 OVERSHOOT = 1.5  # push beyond the point of touching: fewer sweeps, as in successive over-relaxation
@@ -345,6 +344,8 @@ def read_floes(
         rows = _geojson_rows(path, projection)
     else:
         raise InputError(f"{path}: must end in .csv, .geojson or .json")
+    if not rows:
+        return Floes([], [], [], [])
     columns = _floe_columns(path, rows)
     if (thickness is None) == ("thickness" not in columns):
         raise InputError(
@@ -452,14 +453,11 @@ def _on_rows(rows: _Rows, domain: Domain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _csv_rows(path: Path) -> list[tuple[str, dict[str, object]]]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [row for row in csv.reader(file) if any(map(str.strip, row))]
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    if not lines:
-        raise InputError(f"{path}: empty; must have a header line")
+    lines = csv_lines(path)
     header = [name.strip().lower() for name in lines[0]]
+    for name in ("x", "y"):
+        if name not in header:
+            raise InputError(f"{path}: has no column {name!r}; {choose(name, header)}")
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(header):
@@ -498,10 +496,7 @@ _FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + 
 def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict[str, np.ndarray]:
     """The columns that floes are made of, as numbers; all rows must have the same."""
     names = [name for name in _FLOE_COLUMNS if any(name in row for _, row in rows)]
-    for name in ("x", "y") if rows else ():
-        if name not in names:
-            raise InputError(f"{path}: has no column {name!r}; {choose(name, rows[0][1])}")
-    if rows and ("radius" in names) == ("area" in names):
+    if ("radius" in names) == ("area" in names):
         raise InputError(f"{path}: must have a column 'radius' or 'area', and not both")
     columns: dict[str, list[float]] = {name: [] for name in names}
     for place, row in rows:
@@ -519,8 +514,6 @@ def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict
             if right:
                 raise InputError(f"{path}: {place}, column {name!r}: {value!r} {right}")
             columns[name].append(number)
-    if not rows:
-        columns = {"x": [], "y": [], "radius": []}
     return {name: np.array(values) for name, values in columns.items()}
 
 

@@ -883,9 +883,9 @@ class Scene(Table):
                 land=land,
             )  # fmt: skip
         if isinstance(group, FromFile):
-            return packing.read_floes(
-                self._file.parent / group.file, group.thickness, self.domain.projection
-            )
+            path = self._file.parent / group.file
+            plane = None if path.suffix.lower() == ".csv" else self.domain.projection
+            return packing.read_floes(path, group.thickness, plane)
         return _listed(group.each)
 
     def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:

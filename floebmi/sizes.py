@@ -212,6 +212,22 @@ def _row(name: str, values: tuple[float, ...]) -> np.ndarray:
     return row
 
 
+def csv_lines(path: Path) -> list[list[str]]:
+    """The lines of a CSV file that are not blank, the header first; InputError if it cannot be read."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [row for row in csv.reader(file) if any(map(str.strip, row))]
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8 ({error.reason})") from None
+    except csv.Error as error:
+        raise InputError(f"{path}: not a CSV file ({error})") from None
+    if not lines:
+        raise InputError(f"{path}: empty; must have a header line")
+    return lines
+
+
 def from_file(path: str | Path) -> Histogram | Empirical:
     """Sizes from a CSV file with one header line.
 
@@ -224,13 +240,7 @@ def from_file(path: str | Path) -> Histogram | Empirical:
         naming file, row, column and value.
     """
     path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            header, *rows = [row for row in csv.reader(file) if any(map(str.strip, row))]
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except ValueError:
-        raise InputError(f"{path}: empty; must be a CSV file with a header line") from None
+    header, *rows = csv_lines(path)
     if len(header) > 2 or len(rows) < len(header):
         raise InputError(
             f"{path}: {len(header)} columns and {len(rows)} rows; must be one column of radii, or "

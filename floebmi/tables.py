@@ -255,7 +255,7 @@ def _discriminator(hint: Any) -> Any:
 def read_text(path: Path) -> str:
     """The text of a scene file; InputError if it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:

@@ -174,3 +174,12 @@ def test_repr_is_one_line_with_number_sizes_and_area():
     floes.active[1] = False
     assert repr(floes).endswith("1 with prescribed motion, 1 inactive)")
     assert repr(Floes([], [], [], [])) == "Floes(n=0)"
+
+
+def test_what_is_assigned_is_checked_as_what_is_given():
+    floes = Floes([0.0, 50.0], 0.0, 10.0, 1.0)
+    with pytest.raises(InputError, match="motion = 3.5"):
+        floes.motion = 3.5
+    floes.u = np.ma.masked_array([0.1, 1e20], [False, True])
+    with pytest.raises(InputError, match="floe 1: u = nan"):
+        floes.check()

@@ -185,6 +185,42 @@ def test_a_duration_that_cannot_be_is_refused(duration):
         pair().advance(duration)
 
 
+def test_a_field_that_is_assigned_is_written_into_the_array_that_hosts_hold():
+    model = pair(forces=[OceanDrag()], grid=Grid.uniform((-100, 100), (-100, 100), shape=(2, 3)))
+    held = model.ocean.u
+    for values in (0.1, [0.1] * 6, np.full((2, 3), 0.1, order="F"), np.full(12, 0.1)[::2]):
+        held[:] = 0.0
+        model.ocean.u = values
+        assert model.ocean.u is held and (held == 0.1).all()
+    for wrong in (np.zeros(3), "fast", np.zeros((6, 2))):  # would be read beyond its end
+        with pytest.raises(InputError, match="u (has shape|= 'fast')"):
+            model.ocean.u = wrong
+    with pytest.raises(InputError, match="tilt_x: no force"):
+        model.ocean.tilt_x = 0.1
+    model.ocean.u = np.ma.masked_array(held, [True] + 5 * [False])
+    with pytest.raises(InputError, match="ocean.u: nan in wet cell 0"):
+        model.advance(1.0)
+
+
+def test_speeds_of_no_current_wind_or_floe_are_refused_before_drag_is_after_them():
+    fill = 1e20  # what a host passes that forgot its mask: sub-steps of drag had no end
+    for what, fluid in (("ocean", OceanDrag()), ("atmosphere", AirDrag())):
+        model = pair(contact=Contact(), forces=[fluid])
+        getattr(model, what).v = fill
+        with pytest.raises(
+            InputError, match=f"{what}.v: 1e.20 in wet cell 0 .* must be a velocity"
+        ):
+            model.advance(1.0)
+    model = pair(contact=Contact(), forces=[OceanDrag()])
+    model.floes.u[0] = fill
+    with pytest.raises(StabilityError, match="floe 0: moves"):
+        model.advance(1.0)
+    model = pair(forces=[OceanDrag()])
+    model.floes.u[0] = fill
+    with pytest.raises(StabilityError, match="would take .* steps"):
+        model.advance(1.0)
+
+
 @pytest.mark.parametrize(
     ("part", "said"),
     [

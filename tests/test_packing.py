@@ -569,3 +569,24 @@ def test_geojson_that_cannot_be_used_is_refused_with_its_feature(
     with pytest.raises(InputError) as error:
         read_floes(write(tmp_path, "a.geojson", text), thickness=1.0)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("x,y,radius,thickness,name\n1,1,1,1,é".encode("latin-1"), "not a text file in UTF-8"),
+        (b"0,0,10,1\n", "has no column 'x'"),
+        (b"", "empty; must have a header line"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_for_what_it_is(tmp_path, content, said):
+    path = tmp_path / "floes.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=f"floes.csv: {said}"):
+        read_floes(path)
+
+
+def test_a_table_with_a_header_alone_has_no_floes(tmp_path):
+    path = tmp_path / "floes.csv"
+    path.write_text("x,y,radius,thickness\n")
+    assert len(read_floes(path)) == 0

@@ -337,6 +337,28 @@ file = "floes.csv"
     assert floes.x[20] == 50
 
 
+def test_a_scene_with_a_projection_takes_floes_from_a_table_in_its_plane(write, tmp_path):
+    (tmp_path / "floes.csv").write_text("x,y,radius,thickness\n10,20,3,2\n")
+    path = write(
+        """
+        [domain]
+        x = [0, 100]
+        y = [0, 100]
+        projection = "EPSG:3413"
+        [floes]
+        arrangement = "file"
+        file = "floes.csv"
+        """
+    )
+    assert read_scene(path).build().model.floes.x.tolist() == [10.0]
+
+
+def test_a_byte_order_mark_is_no_key(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(TWO, encoding="utf-8-sig")
+    assert read_scene(path).title == "two floes"
+
+
 def test_a_coast_makes_cells_dry_and_keeps_floes_off_the_land(write):
     ring = [[-100, -100], [400, -100], [400, 1100], [-100, 1100], [-100, -100]]
     write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
