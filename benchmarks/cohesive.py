@@ -12,6 +12,7 @@ import numpy as np
 
 import floebmi as fb
 from benchmarks.limit import contact_forces
+from benchmarks.packs import scattered
 
 
 def best(work: dict[str, object], repeats: int) -> dict[str, float]:
@@ -30,12 +31,7 @@ def main() -> None:
     parser.add_argument("--floes", type=int, default=10_000)
     parser.add_argument("--repeats", type=int, default=20)
     options = parser.parse_args()
-    sizes = fb.PowerLaw(1.0, 2.0, -1.8)
-    side = float(np.sqrt(options.floes * sizes.mean_area() / 0.85))
-    domain = fb.Domain((0, side), (0, side), "periodic", "periodic", "periodic", "periodic")
-    floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
-    rng = np.random.default_rng(0)
-    floes.u[:], floes.v[:] = rng.normal(0, 0.1, (2, len(floes)))
+    domain, floes = scattered(options.floes)
     laws = {"cohesive": fb.cohesive(), "frictional": fb.frictional()}
     step = fb.Step(length=fb.Model(domain, floes.copy(), fb.frictional()).longest_step())
 

@@ -7,9 +7,8 @@ and over, and the best of each is printed: other work on the machine only ever s
 import argparse
 import time
 
-import numpy as np
-
 import floebmi as fb
+from benchmarks.packs import scattered
 
 
 def main() -> None:
@@ -18,12 +17,7 @@ def main() -> None:
     parser.add_argument("--ratio", type=float, default=2.0, help="largest over smallest radius")
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
-    sizes = fb.PowerLaw(1.0, options.ratio, -1.8)
-    side = float(np.sqrt(options.floes * sizes.mean_area() / 0.85))
-    domain = fb.Domain((0, side), (0, side), "periodic", "periodic", "periodic", "periodic")
-    floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
-    rng = np.random.default_rng(0)
-    floes.u[:], floes.v[:] = rng.normal(0, 0.1, (2, len(floes)))
+    domain, floes = scattered(options.floes, options.ratio)
     drag = (fb.OceanDrag(), fb.AirDrag())
     laws = {
         "elastic": (fb.Contact(), (), 1),

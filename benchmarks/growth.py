@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import floebmi as fb
+from benchmarks.packs import scattered
 from floebmi.advance import Advance
 from floebmi.plot import LINES, graph
 
@@ -30,12 +31,7 @@ def pack(
     contact: fb.Contact | None = None,
 ) -> fb.Model:
     """Discs of radii from 1 m to `ratio`, frictional where no contact law is given."""
-    sizes = fb.PowerLaw(1.0, ratio, -1.8)
-    side = float(np.sqrt(n * sizes.mean_area() / packing))
-    domain = fb.Domain((0, side), (0, side), "periodic", "periodic", "periodic", "periodic")
-    floes = fb.scatter(domain, sizes, concentration=packing, seed=1)
-    floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0, 0.1, (2, len(floes)))
-    model = fb.Model(domain, floes, contact=contact or fb.frictional())
+    model = fb.Model(*scattered(n, ratio, packing), contact=contact or fb.frictional())
     model.advance(20 * model.longest_step())  # compiles
     return model
 

@@ -20,6 +20,7 @@ import numba
 import numpy as np
 
 import floebmi as fb
+from benchmarks.packs import scattered
 from floebmi.advance import Advance
 from floebmi.dynamics import sweep
 from floebmi.pairs import narrow
@@ -44,11 +45,7 @@ SLOW = 0.05  # [m/s]: floes that keep their list of neighbours all the while
 def pack(law: str, n: int, speed: float) -> fb.Model:
     """The scene of benchmarks/engines.py, size ratio 2; slow floes need no new list of neighbours."""
     contact, forces = LAWS[law]
-    sizes = fb.PowerLaw(1.0, 2.0, -1.8)
-    side = float(np.sqrt(n * sizes.mean_area() / 0.85))
-    domain = fb.Domain((0, side), (0, side), *["periodic"] * 4)
-    floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
-    floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0, speed, (2, len(floes)))
+    domain, floes = scattered(n, speed=speed)
     return fb.Model(domain, floes, contact, forces, step=fb.Step(length=1.5e-3))
 
 
@@ -114,7 +111,7 @@ def bytes_of_a_step(model: fb.Model) -> float:
     contact_forces(now, model.step.length)
     close = int(now.lists.near.counts.sum())
     both = [p.floes, p.force, p.angle, near.slip[:close]]  # read and written
-    only = [p.inverse_x, p.inverse_y, p.inverse_spin, near.i[:close], near.j[:close]]  # read
+    only = [p.inverse_spin, near.i[:close], near.j[:close]]  # read
     return (2 * sum(a.nbytes for a in both) + sum(a.nbytes for a in only)) / n
 
 

@@ -10,23 +10,13 @@ from pathlib import Path
 import numpy as np
 
 import floebmi as fb
+from benchmarks.packs import scattered
 from floebmi.plot import graph
-
-
-def pack(floes: int) -> tuple[fb.Domain, fb.Floes]:
-    """A dense periodic pack with random velocities."""
-    sizes = fb.PowerLaw(1.0, 2.0, -1.8)
-    side = float(np.sqrt(floes * sizes.mean_area() / 0.85))
-    domain = fb.Domain((0, side), (0, side), "periodic", "periodic", "periodic", "periodic")
-    made = fb.scatter(domain, sizes, concentration=0.85, seed=1)
-    rng = np.random.default_rng(0)
-    made.u[:], made.v[:] = rng.normal(0, 0.1, (2, len(made)))
-    return domain, made
 
 
 def gain(count: int, threads: int, steps: int, repeats: int) -> np.ndarray:
     """How many times as fast several threads are as one, of each repeat."""
-    domain, floes = pack(count)
+    domain, floes = scattered(count)
     models = {
         n: fb.Model(domain, floes.copy(), contact=fb.frictional(), threads=n) for n in (1, threads)
     }

@@ -46,6 +46,7 @@ from floebmi.grid import Grid
 from floebmi.gridding import area_budget
 from floebmi.model import Model
 from floebmi.packing import from_field, scatter
+from floebmi.quantities import is_number
 from floebmi.scene import read_scene
 from floebmi.sizes import Sizes, UniformSize
 from floebmi.variables import FLOE_VARIABLES, VARIABLES, Variable, find
@@ -304,8 +305,8 @@ class SeaIceFloes(Component):
             raise
 
     def _step(self, dt: float) -> None:
-        if not (np.isfinite(dt) and dt >= 0):
-            raise InputError(f"run_one_step: dt = {dt!r} s: must be at least 0")
+        if not (is_number(dt) and dt >= 0):
+            raise InputError(f"run_one_step: dt = {dt!r}: must be a number of seconds, at least 0")
         if _digest(self._grid) != self._known_grid:
             raise InputError(
                 "run_one_step: corners or boundary status of the grid are not what they were when"

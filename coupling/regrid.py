@@ -52,6 +52,7 @@ import numpy as np
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
 from floebmi.projection import to_plane
+from floebmi.quantities import unmasked
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -232,7 +233,7 @@ class Regrid:
 
     @staticmethod
     def _check(values: np.ndarray, size: int, used: np.ndarray, side: str) -> np.ndarray:
-        values = np.asarray(values, np.float64).ravel()
+        values = unmasked(values).ravel()
         if values.size != size:
             raise InputError(f"regrid: {values.size} values for {size} cells of the {side} grid")
         bad = used[~np.isfinite(values[used])]

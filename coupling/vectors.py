@@ -34,6 +34,7 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
+from floebmi.quantities import unmasked
 
 Where = Literal["u", "v", "corners"]
 
@@ -199,7 +200,7 @@ class Staggered:
         return float((self._on_cells(values) * self.grid.area)[self._alone].sum())
 
     def _on_cells(self, values: np.ndarray) -> np.ndarray:
-        values = np.asarray(values, np.float64).ravel()
+        values = unmasked(values).ravel()
         if values.size != self.grid.size:
             raise InputError(f"{values.size} values for {self.grid.size} cells")
         return _finite("cell", values, self.grid.wet)

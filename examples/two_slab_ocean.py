@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from coupling.driver import couple
-from coupling.slab import MOMENTUM as OCEAN_MOMENTUM
-from coupling.slab import STRESS, TwoSlabOcean
+from coupling.slab import MOMENTUM as OCEAN_MOMENTUM, STRESS, TwoSlabOcean
 from floebmi import FloeBmi
 from floebmi.plot import graph
 

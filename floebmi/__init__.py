@@ -11,20 +11,12 @@ from floebmi.bmi import FloeBmi  # at once: BMI tools look classes up in a modul
 if TYPE_CHECKING:
     from floebmi.bonds import (
         Beam as Beam,
-    )
-    from floebmi.bonds import (
         Healing as Healing,
-    )
-    from floebmi.bonds import (
         TensileStrength as TensileStrength,
     )
     from floebmi.boundaries import (
         Domain as Domain,
-    )
-    from floebmi.boundaries import (
         Inflow as Inflow,
-    )
-    from floebmi.boundaries import (
         Wall as Wall,
     )
     from floebmi.coast import (
@@ -32,26 +24,12 @@ if TYPE_CHECKING:
     )
     from floebmi.contact import (
         CompressiveFailure as CompressiveFailure,
-    )
-    from floebmi.contact import (
         Contact as Contact,
-    )
-    from floebmi.contact import (
         Coulomb as Coulomb,
-    )
-    from floebmi.contact import (
         Damsgaard2018Coulomb as Damsgaard2018Coulomb,
-    )
-    from floebmi.contact import (
         Elastic as Elastic,
-    )
-    from floebmi.contact import (
         Restitution as Restitution,
-    )
-    from floebmi.contact import (
         cohesive as cohesive,
-    )
-    from floebmi.contact import (
         frictional as frictional,
     )
     from floebmi.dynamics import (
@@ -59,8 +37,6 @@ if TYPE_CHECKING:
     )
     from floebmi.errors import (
         InputError as InputError,
-    )
-    from floebmi.errors import (
         StabilityError as StabilityError,
     )
     from floebmi.floes import (
@@ -68,33 +44,16 @@ if TYPE_CHECKING:
     )
     from floebmi.forces import (
         AirDrag as AirDrag,
-    )
-    from floebmi.forces import (
         BodyForce as BodyForce,
-    )
-    from floebmi.forces import (
         Coriolis as Coriolis,
-    )
-    from floebmi.forces import (
         CoriolisField as CoriolisField,
-    )
-    from floebmi.forces import (
         OceanDrag as OceanDrag,
-    )
-    from floebmi.forces import (
         Tilt as Tilt,
     )
     from floebmi.forcing import (
         Constant as Constant,
-    )
-    from floebmi.forcing import (
         Function as Function,
-    )
-    from floebmi.forcing import (
         VelocityFile as VelocityFile,
-    )
-    from floebmi.forcing import (
-        read_scalar as read_scalar,
     )
     from floebmi.grid import (
         Grid as Grid,
@@ -107,35 +66,24 @@ if TYPE_CHECKING:
     )
     from floebmi.packing import (
         from_field as from_field,
-    )
-    from floebmi.packing import (
         read_floes as read_floes,
-    )
-    from floebmi.packing import (
         regular as regular,
-    )
-    from floebmi.packing import (
         relax as relax,
-    )
-    from floebmi.packing import (
         scatter as scatter,
     )
     from floebmi.running import (
         run as run,
+    )
+    from floebmi.scalars import (
+        read_scalar as read_scalar,
     )
     from floebmi.scene import (
         read_scene as read_scene,
     )
     from floebmi.sizes import (
         Histogram as Histogram,
-    )
-    from floebmi.sizes import (
         PowerLaw as PowerLaw,
-    )
-    from floebmi.sizes import (
         SingleSize as SingleSize,
-    )
-    from floebmi.sizes import (
         UniformSize as UniformSize,
     )
 
@@ -182,7 +130,7 @@ _HOME = {
     "VelocityFile": "forcing",
     "Constant": "forcing",
     "Function": "forcing",
-    "read_scalar": "forcing",
+    "read_scalar": "scalars",
 }
 __all__ = [*_HOME, "FloeBmi", "__version__"]
 __version__ = "0.1.0"

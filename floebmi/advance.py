@@ -25,7 +25,6 @@ from floebmi.dynamics import (
     Step,
     Walls,
     strayed,
-    taylor,
     touch_all,
     verlet,
 )
@@ -62,7 +61,8 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import emptied, near_of, room_for_blows
-from floebmi.threads import verlet as verlet_in_threads
+from floebmi.taylor import taylor
+from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
 # Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
@@ -517,19 +517,19 @@ class Advance:
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
         books = self._books()
-        floes = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
-        way = self.travelled, self._reach()
+        scene = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
+        room = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            done = taylor(self.step.scheme == "taylor3", *floes, dt, steps, *way, self.buffers)
+            done = taylor(self.step.scheme == "taylor3", *scene, dt, steps, *room, self.buffers)
         else:
             parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
-            rest = dt, steps, substeps, self.marked, *way, self.step.drag_every, self.lag
-            floes = *floes, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
+            rest = dt, steps, substeps, self.marked, *room, self.step.drag_every, self.lag
+            scene = *scene, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
             if len(self.tiles.chunks) == 2:
-                done = verlet(*floes, *rest, self.buffers)
+                done = verlet(*scene, *rest, self.buffers)
             else:
-                done = verlet_in_threads(self.threads, *floes, *rest)
+                done = verlet_in_threads(self.threads, *scene, *rest)
         self._close(books)
         self.near = False
         return done
@@ -596,8 +596,8 @@ class Advance:
         if len(floe):
             x, y, r, h = (p.floes[name][floe] for name in ("x", "y", "r", "h"))
             axis, side, position = (walls[name][number] for name in ("axis", "side", "position"))
-            pressed = np.minimum(side * (np.where(axis == 0, x, y) - position) - r, 0.0)
-            energy += 0.5 * self.contact.elastic.youngs_modulus * float((h * pressed**2).sum())
+            overlap = np.minimum(side * (np.where(axis == 0, x, y) - position) - r, 0.0)
+            energy += 0.5 * self.contact.elastic.youngs_modulus * float((h * overlap**2).sum())
         return energy
 
     def kept_energy(self) -> float:

@@ -45,6 +45,7 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
+from floebmi.quantities import unmasked
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -837,7 +838,7 @@ def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
         raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
     if given.size != size:
         raise InputError(f"{name}: {given.size} values; must be {size}")
-    return np.asarray(given, np.float64).ravel()
+    return unmasked(src).ravel()
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:

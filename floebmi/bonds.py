@@ -74,10 +74,10 @@ def _(bonds: None, strength, youngs_modulus, mean_radius, gap, shear, bent, bond
 def _(bonds: TensileStrength, strength, youngs_modulus, mean_radius, gap, shear, bent, bonded, dt):
     share = grown(bonds.healing, strength, bonded, dt)
     # f_n = k_n δ < σ_c R_ij h_min, divided by h_min
-    holds = youngs_modulus * gap + bent * mean_radius < share * strength * mean_radius
+    holds = youngs_modulus * gap < (share * strength - bent) * mean_radius
     holds = holds and unsheared(bonds.beam, shear, share)
-    meets = bonded == 0.0 and gap < 0.0
-    return share if meets or (bonded > 0.0 and holds) else spent(bonds.beam, gap)
+    holds = bonded > 0.0 and holds
+    return share if holds or meets(bonds.beam, bonded, gap) else spent(bonds.beam, gap)
 
 
 @dispatched
@@ -101,6 +101,17 @@ def unsheared(beam, shear, share):
 @unsheared.register
 def _(beam: None, shear, share):
     return True
+
+
+@dispatched
+def meets(beam, bonded, gap):
+    """Whether two floes that touch may bond: not while their last beam lies broken between them."""
+    return bonded == 0.0 and gap < 0.0
+
+
+@meets.register
+def _(beam: None, bonded, gap):
+    return gap < 0.0
 
 
 @dispatched
@@ -144,6 +155,17 @@ def bending_ratio(beam):
 
 @bending_ratio.register
 def _(beam: None):
+    return 0.0
+
+
+@dispatched
+def fibre_stress(beam, youngs_modulus, angle):
+    """What bending adds to the tension of the outer fibre [Pa] (eq. bond-bending)."""
+    return 6.0 * youngs_modulus * bending_ratio(beam) * abs(angle)
+
+
+@fibre_stress.register
+def _(beam: None, youngs_modulus, angle):
     return 0.0
 
 

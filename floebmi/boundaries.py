@@ -8,7 +8,7 @@ from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
 from floebmi.floes import Floes
 from floebmi.kernels import jit
-from floebmi.quantities import NonNegative, Positive, check
+from floebmi.quantities import NonNegative, Positive, check, is_number
 from floebmi.sizes import Sizes, check_sizes
 
 Edge = Literal["inactive", "periodic", "closed"]
@@ -113,9 +113,14 @@ class Inflow(NamedTuple):
 
 def check_domain(domain: Domain) -> None:
     """Refuse an empty rectangle, unknown words, and a periodic edge without its partner."""
+    if not isinstance(domain, Domain):
+        raise InputError(f"domain = {domain!r}: must be a Domain")
     for name in ("x", "y"):
-        low, high = getattr(domain, name)
-        if not (np.isfinite(low) and np.isfinite(high) and high > low):
+        pair = getattr(domain, name)
+        if np.shape(pair) != (2,) or not all(map(is_number, pair)):
+            raise InputError(f"domain.{name} = {pair!r}: must be two numbers (low, high) [m]")
+        low, high = pair
+        if not high > low:
             raise InputError(f"domain.{name} = ({low}, {high}): the second must be larger")
     for edge in EDGES:
         word = getattr(domain, edge)
@@ -190,6 +195,10 @@ class Feeder:
 
     def __init__(self, inflow: Inflow, domain: Domain) -> None:
         _check_edge("inflow", inflow.edge, domain)
+        for name in ("velocity", "span"):
+            pair = getattr(inflow, name)
+            if pair is not None and np.shape(pair) != (2,):
+                raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
         check_sizes(inflow.sizes)
         self.inflow, self.domain = inflow, domain

@@ -108,6 +108,11 @@ def _errors_in_one_line() -> Iterator[None]:
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
         _fail(f"{name}{error.strerror or error}{_notes(error)}", 2)
+    except MemoryError as error:
+        _fail(
+            f"not enough memory: {_with_notes(error)}; must be fewer cells or floes (sizes are in m)",
+            2,
+        )
     except KeyboardInterrupt as error:
         _fail(f"stopped{_notes(error)}", 130)
     except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -248,7 +253,7 @@ def run(
         exchange=schedule.exchange, every=schedule.every,
         gridded=gridded, trajectories=trajectories, restart=last_state,
         attributes={"title": read.title or read.name, "scene": read.text},
-        reference=read.time.start, calendar=read.time.calendar,
+        reference=read.time.start, calendar=read.time.calendar or "standard",
         projection=read.domain.projection, land=built.land,
         overwrite=force, progress=not quiet,
     )  # fmt: skip
@@ -281,14 +286,23 @@ def _as_accurate(
 ) -> "Scene":
     """The scene with the setting that a stored result recommends.
 
-    A result is of the scene with what was set by hand, or of the scene alone: then that is set last.
+    A result is of the scene with what was set by hand, or of the scene alone: then nothing may be set by hand that
+    the setting sets, for its error would be another's.
     """
     from floebmi.scene import read_scene
+    from floebmi.tables import parse_override
     from floebmi.tradeoff import chosen, result, words
 
     alone = result(read) is None
     measured = read_scene(scene) if alone else read
     setting = chosen(measured, accuracy)
+    for change in setting.split() if alone else ():
+        for override in overrides:
+            if parse_override(change).meets(parse_override(override)):
+                raise InputError(
+                    f"--accuracy {accuracy:g} takes {change}, which --set {override} changes: leave one of them out, "
+                    f"or measure with it: floebmi tradeoff {scene} --set {override}"
+                )
     if not quiet:
         click.echo(f"accuracy {accuracy:g}: {words(result(measured), setting)}")
     changes = setting.split()

@@ -1,7 +1,8 @@
 """When the records of a file are, in seconds after the start of the run.
 
 Calendars are those of the file (also noleap, 360_day …): the start is read as a date of that calendar, and
-from there on time is seconds.  Between two records fields change linearly.
+from there on time is seconds.  A run that names its calendar takes files of no other, since dates would part at
+the first 29 February.  Between two records fields change linearly.
 """
 
 from __future__ import annotations
@@ -21,6 +22,18 @@ if TYPE_CHECKING:
     Date = str | float | datetime.datetime | np.datetime64 | cftime.datetime
 
 BeyondSpan = Literal["error", "hold", "repeat"]
+Calendar = Literal[
+    "standard", "gregorian", "proleptic_gregorian", "noleap", "365_day", "all_leap", "366_day", "360_day",
+    "julian",
+]  # fmt: skip
+
+# Names of one and the same, for dates after 1582.
+_ALIKE = {
+    "gregorian": "standard",
+    "proleptic_gregorian": "standard",
+    "365_day": "noleap",
+    "366_day": "all_leap",
+}
 
 
 class Clock:
@@ -33,6 +46,7 @@ class Clock:
         [s] if the file's times are durations, not dates.
     beyond_span : "error", "hold" (the first or last record), or "repeat" (the record after the last is the
         first again, after one more mean interval)
+    calendar : CF calendar that the file's dates must be of; default: any
 
     Attributes
     ----------
@@ -40,7 +54,11 @@ class Clock:
     """
 
     def __init__(
-        self, field: Field, start: Date | None = None, beyond_span: BeyondSpan = "error"
+        self,
+        field: Field,
+        start: Date | None = None,
+        beyond_span: BeyondSpan = "error",
+        calendar: Calendar | None = None,
     ) -> None:
         if beyond_span not in ("error", "hold", "repeat"):
             raise InputError(
@@ -59,6 +77,7 @@ class Clock:
         name, array = found
         where = f"{field.file.label}: {name}"
         self._dates = _dates(array, where)
+        self._check_calendar(calendar, where)
         self._start = self._dates[0] if start is None else self._as_date(start, where)
         since = self._dates - self._start
         if self._dates.dtype.kind == "M":
@@ -75,6 +94,15 @@ class Clock:
                 f" {_text(self._dates[k - 1])}: times must grow"
             )
 
+    def _check_calendar(self, wanted: Calendar | None, where: str) -> None:
+        kind = self._dates.dtype.kind
+        own = "standard" if kind == "M" else self._dates[0].calendar if kind == "O" else None
+        if None not in (own, wanted) and _ALIKE.get(own, own) != _ALIKE.get(wanted, wanted):
+            raise InputError(
+                f"{where}: its dates are of the calendar {own!r}, but calendar = {wanted!r}: must be the same;"
+                " leave calendar out to read the dates of each file in its own"
+            )
+
     def _as_date(self, start: Date, where: str) -> object:
         """`start` as the kind of date that the file has."""
         kind = self._dates.dtype.kind
@@ -85,21 +113,12 @@ class Clock:
             return float(start)
         if isinstance(start, np.datetime64):
             start = start.astype("datetime64[us]").item()
-        try:
-            date = datetime.datetime.fromisoformat(str(start))
-        except ValueError:
-            raise InputError(
-                f"start = {start!r}: not a date; give one such as '1979-01-16' or '1979-01-16T18:00'"
-            ) from None
-        if date.tzinfo is not None:
-            date = date.astimezone(datetime.UTC).replace(tzinfo=None)
         if kind == "M":
-            return np.datetime64(date, "ns")
-        names = ("year", "month", "day", "hour", "minute", "second", "microsecond")
+            return np.datetime64(date_of(start).isoformat(), "ns")
         try:
-            return self._dates[0].replace(**{name: getattr(date, name) for name in names})
-        except ValueError as error:
-            raise InputError(f"{where}: start = {start!r}: {error} (the file's calendar)") from None
+            return date_of(start, self._dates[0].calendar)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
 
     @property
     def span(self) -> tuple[float, float] | None:
@@ -158,6 +177,25 @@ class Clock:
             f" (t = {self.seconds[0]:g} … {self.seconds[-1]:g} s, {self.seconds.size} records)"
         )
         return text if self.beyond_span == "error" else f"{text}, then {self.beyond_span}"
+
+
+def date_of(start: Date, calendar: str = "standard") -> cftime.datetime:
+    """The date of a calendar, in UTC, that a text such as '1979-01-16T18:00' means, or a date of any calendar.
+
+    Raises
+    ------
+    InputError
+        for what is no date there.
+    """
+    import cftime
+
+    try:
+        return cftime.num2date(0.0, f"seconds since {start}", calendar)
+    except (TypeError, ValueError):  # the TypeError is of a text that breaks off after the year
+        raise InputError(
+            f"start = {start!r}: not a date of the calendar {calendar!r}; give one such as '1979-01-16' or"
+            " '1979-01-16T18:00'"
+        ) from None
 
 
 def _dates(array: xr.DataArray, where: str) -> np.ndarray:

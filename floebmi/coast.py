@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
+from floebmi.quantities import is_number, unmasked
 
 if TYPE_CHECKING:
     import shapely
@@ -73,7 +74,7 @@ def from_land_fraction(
     import contourpy
     import shapely
 
-    fraction = np.asarray(fraction, dtype=float)
+    fraction = unmasked(fraction)
     if fraction.ndim != 2 or min(fraction.shape) < 2:
         raise InputError(
             f"land fraction has shape {fraction.shape}; must be (ny, nx), at least 2 x 2"
@@ -272,8 +273,8 @@ def _projected(
 
 def _check_size(radius: float, thickness: float) -> None:
     for name, value in (("radius", radius), ("thickness", thickness)):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"coast {name} = {value} m; must be greater than 0")
+        if not (is_number(value) and value > 0):
+            raise InputError(f"coast {name} = {value!r} m; must be greater than 0")
 
 
 def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

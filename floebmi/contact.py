@@ -1,4 +1,4 @@
-"""Contact between floes: a new law goes here, and only here.
+"""Contact between floes: the equation of a new law goes here, and only here.
 
 A contact law is made of parts, each a few numbers: elasticity, friction, bonds (in bonds.py), a dashpot,
 compressive failure.
@@ -15,6 +15,7 @@ from floebmi.bonds import (
     beam_of,
     bending,
     bending_ratio,
+    fibre_stress,
     hold,
     tied,
 )
@@ -206,7 +207,7 @@ def own(contact: Contact | None) -> dict[str, tuple[float, float]]:
 
 
 def memories(contact: Contact | None) -> tuple[str, ...]:
-    """What a pair remembers from one exchange to the next, by the names of `pack.PairList`."""
+    """What a pair remembers from one exchange to the next, by the names of `pairs.PairList`."""
     if contact is None:
         return ()
     beam, failure = beam_of(contact.bonds), contact.failure
@@ -486,7 +487,7 @@ def pair_force(
     was_bonded = bonded > 0.0
     modulus = law.elastic.youngs_modulus
     shear = modulus * stiffness_ratio(beam) * abs(slip + slip_rate * dt) / mean_radius
-    fibre = 6.0 * modulus * bending_ratio(beam) * abs(bent + turn_rate * dt)
+    fibre = fibre_stress(beam, modulus, bent + turn_rate * dt)
     held = hold(law.bonds, sigma, modulus, mean_radius, gap, shear, fibre, bonded, dt)
     now_bonded = 0.0 if failing else held
     touching = gap < 0.0 or now_bonded > 0.0

@@ -8,7 +8,7 @@ the other forces (forces.py, one linearly implicit step), the second half kick, 
 the new place.  It is of second order, and keeps the energy of an undamped pack; the other forces act on the
 velocities that this energy is made of, so that their work is what it changes by.  A contact that opens or closes
 within a step acts only for its part of it (eq. part-of-a-step): `touch` notes the difference, and when the forces
-are known the two floes are struck with it.  `taylor2` and `taylor3` are the paper's schemes (Eq. 4, its text).
+are known the two floes are struck with it.  The paper's schemes are in taylor.py.
 
 Kernels work on packed floes: active ones only, sorted in space, what a contact reads of a floe in one line
 of the cache.  Which fields exist, and which arrays, follows from the laws: see `pack.py`.
@@ -20,20 +20,13 @@ import numpy as np
 
 from floebmi.contact import Contact, Coulomb, blow, pair_force
 from floebmi.forces import (
-    A_X,
-    A_Y,
-    ALPHA,
     D_OMEGA,
     D_U,
     D_V,
     IMPULSE,
-    J_XX,
-    J_XY,
-    J_YX,
-    J_YY,
     OMEGA,
-    SLOPE,
     TWIST,
+    Push,
     U,
     V,
     book,
@@ -43,6 +36,7 @@ from floebmi.forces import (
 )  # fmt: skip
 from floebmi.kernels import BLOCK, dispatched, in_place, inlined, inner
 from floebmi.pairs import (
+    DASHPOTS,
     Near,
     PairList,
     narrow,
@@ -153,7 +147,7 @@ class Marked(NamedTuple):
 class Books(NamedTuple):
     """A row for each tile, and a last one for seams and walls, so that threads share none.
 
-    held : momentum along x and y [N s] and energy [J] given by what holds floes; lost : see `pairs.touch_floes`
+    held : momentum along x and y [N s] and energy [J] given by what holds floes; lost : see `pairs.FRICTION`
     """
 
     held: np.ndarray
@@ -167,43 +161,42 @@ class Books(NamedTuple):
 def kick(p, first, n, dt, constraint):
     """Contact forces change the velocities of a block of floes for a time dt; held ones are booked."""
     if p.held.size > 0:
-        hold_kick(p, first, n, dt, constraint)
+        hold_kick(p, first, n, dt, 1.0, constraint)
     for k in range(first, first + n):
-        kick_one(p, np.uintp(k), dt, 1.0)
+        k = np.uintp(k)
+        kick_one(p, k, p.inverse_x[k], p.inverse_y[k], dt)
 
 
 @inner
-def kick_one(p, k, dt, kept):
-    """`kick` for one floe; kept : 1, or 0 where its force is used up."""
+def kick_one(p, k, inverse_x, inverse_y, dt):
     floe, f = p.floes[k], p.force[k]
-    floe.u += dt * p.inverse_x[k] * f.x
-    floe.v += dt * p.inverse_y[k] * f.y
-    f.x *= kept
-    f.y *= kept
-    kick_spin(p.spinning, p.inverse_spin, f, k, dt, kept)
+    floe.u += dt * inverse_x * f.x
+    floe.v += dt * inverse_y * f.y
+    kick_spin(p.spinning, p.inverse_spin, f, k, dt)
 
 
 @dispatched
-def kick_spin(spinning, inverse_spin, f, k, dt, kept):
+def kick_spin(spinning, inverse_spin, f, k, dt):
     spinning[k].omega += dt * inverse_spin[k] * f.torque
-    f.torque *= kept
 
 
 @kick_spin.register
-def _(spinning: None, inverse_spin, f, k, dt, kept):
+def _(spinning: None, inverse_spin, f, k, dt):
     pass
 
 
 @inner
-def hold_kick(p, first, n, dt, constraint):
-    """What holds an axis takes up the contact forces along it."""
+def hold_kick(p, first, n, dt, kept, constraint):
+    """What holds an axis takes up the contact forces along it; kept : 1, or 0 where that uses them up."""
     for k in range(first, first + n):
         if p.inverse_x[k] == 0.0:
             constraint[0] -= dt * p.force[k].x
             constraint[2] -= dt * p.force[k].x * p.floes[k].u
+            p.force[k].x *= kept
         if p.inverse_y[k] == 0.0:
             constraint[1] -= dt * p.force[k].y
             constraint[2] -= dt * p.force[k].y * p.floes[k].v
+            p.force[k].y *= kept
     hold_kick_back(p.spinning, p.force, p.inverse_spin, first, n, dt, constraint)
 
 
@@ -220,36 +213,47 @@ def _(spinning: None, force, inverse_spin, first, n, dt, constraint):
 
 
 @dispatched
-def kick_walls(walls, dt, ahead):
-    """Forces of the ice change the speed of walls; `ahead`: as much of their last change goes on top of them."""
+def kick_walls(walls, before, after, ahead):
+    """Forces of the ice change the speed of walls for the end of a step and the beginning of the next [s].
+
+    In between their dampers brake them, for both: on the way the speed of a wall is one, so that the work of the
+    forces before and after it is what the ice gains.
+
+    ahead : as much of the last change of a force goes on top of it
+    """
     for w in range(walls.size):
         wall = walls[w]
         force = wall.force + ahead * (wall.force - wall.previous)
         wall.previous = wall.force
-        change = dt * wall.inverse_mass * (force + wall.side * wall.press)
-        wall.impulse -= dt * force
-        wall.work -= dt * force * (wall.speed + 0.5 * change)
-        wall.speed += change
+        kick_wall(wall, force, before)
+        wall.speed *= np.exp(-wall.damping * (before + after))
+        kick_wall(wall, force, after)
 
 
 @kick_walls.register
-def _(walls: None, dt, ahead):
+def _(walls: None, before, after, ahead):
     pass
 
 
 @inner
-def kick_and_push(forces, at, p, first, n, kicked, pushed, parts, constraint, buffer):
-    """Kick a block of floes, then let the other forces act for a time `pushed` in some parts."""
-    kick(p, first, n, kicked, constraint)
+def kick_wall(wall, force, dt):
+    """`kick` for one wall, loaded or not."""
+    change = dt * wall.inverse_mass * (force + wall.side * wall.press)
+    wall.impulse -= dt * force
+    wall.work -= dt * force * (wall.speed + 0.5 * change)
+    wall.speed += change
+
+
+@inner
+def push_block(forces, at, p, first, n, kicked, pushed, substeps, constraint, buffer):
+    """Kick a block of floes whose held axes have no force, then let the other forces act for a time in some sub-steps."""
     for k in range(n):
-        floe = p.floes[np.uintp(first + k)]
-        buffer[U + k], buffer[V + k] = floe.u, floe.v
-    read_spin(p.spinning, first, n, buffer)
-    for _ in range(parts):
-        push(
-            forces, at, first, n, p.mass, p.inertia, p.inverse_x, p.inverse_y, p.inverse_spin,
-            p.held, pushed / parts, constraint, buffer,
-        )  # fmt: skip
+        floe, f = p.floes[np.uintp(first + k)], p.force[np.uintp(first + k)]
+        buffer[U + k] = floe.u + kicked * floe.w * f.x
+        buffer[V + k] = floe.v + kicked * floe.w * f.y
+    read_spin(p.spinning, p.inverse_spin, p.force, first, n, kicked, buffer)
+    for _ in range(substeps):
+        push(forces, at, p, first, n, pushed / substeps, constraint, buffer)
     for k in range(n):
         floe = p.floes[np.uintp(first + k)]
         floe.u, floe.v = buffer[U + k], buffer[V + k]
@@ -257,15 +261,15 @@ def kick_and_push(forces, at, p, first, n, kicked, pushed, parts, constraint, bu
 
 
 @inner
-def glide(p, begin, end, kicked, dt, constraint):
-    """Kick and drift floes, which uses up the contact forces; returns the largest speed²."""
+def glide(p, begin, end, kicked, dt):
+    """Kick and drift floes whose held axes have no force, which uses up the forces; returns the largest speed²."""
     fastest = 0.0
-    if p.held.size > 0:
-        hold_kick(p, begin, end - begin, kicked, constraint)
     for k in range(begin, end):
         k = np.uintp(k)
-        kick_one(p, k, kicked, 0.0)
         floe = p.floes[k]
+        # one inverse mass serves both axes, and is in the floe's own line of the cache
+        kick_one(p, k, floe.w, floe.w, kicked)
+        forget_one(p.spinning, p.force[k])
         floe.x += dt * floe.u
         floe.y += dt * floe.v
         fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
@@ -284,13 +288,15 @@ def _(spinning: None, angle, k, dt):
 
 
 @dispatched
-def read_spin(spinning, first, n, buffer):
+def read_spin(spinning, inverse_spin, force, first, n, kicked, buffer):
     for k in range(n):
-        buffer[OMEGA + k] = spinning[np.uintp(first + k)].omega
+        floe = np.uintp(first + k)
+        change = kicked * inverse_spin[floe] * force[floe].torque
+        buffer[OMEGA + k] = spinning[floe].omega + change
 
 
 @read_spin.register
-def _(spinning: None, first, n, buffer):
+def _(spinning: None, inverse_spin, force, first, n, kicked, buffer):
     pass
 
 
@@ -310,9 +316,7 @@ def drift_walls(walls, dt):
     fastest = 0.0
     for w in range(walls.size):
         wall = walls[w]
-        wall.position += 0.5 * dt * wall.speed
-        wall.speed *= np.exp(-wall.damping * dt)
-        wall.position += 0.5 * dt * wall.speed
+        wall.position += dt * wall.speed
         fastest = max(fastest, wall.speed * wall.speed)
     return fastest
 
@@ -323,77 +327,88 @@ def _(walls: None, dt):
 
 
 @inner
-def push(
-    forces, at, first, n, mass, inertia, inverse_x, inverse_y, inverse_spin, held, h, constraint, buffer
-):  # fmt: skip
-    """The other forces on a block of floes: (1 − h/2 Σ J) δu = h Σ a; a held axis keeps its velocity."""
-    half, block = 0.5 * h, first // BLOCK
-    buffer[A_X : SLOPE + BLOCK] = 0.0
-    total(forces, at, block, n, buffer)
+def push(forces, at, p, first, n, h, constraint, buffer):
+    """The other forces on a block of floes for a time h; a held axis keeps its velocity."""
+    block = first // BLOCK
     for k in range(n):
-        floe = np.uintp(first + k)
-        free_x, free_y = inverse_x[floe] > 0.0, inverse_y[floe] > 0.0
-        ax, xx, xy = buffer[A_X + k], buffer[J_XX + k], buffer[J_XY + k]
-        ay, yx, yy = buffer[A_Y + k], buffer[J_YX + k], buffer[J_YY + k]
-        ax, xx, xy = (ax, xx, xy) if free_x else (0.0, 0.0, 0.0)
-        ay, yx, yy = (ay, yx, yy) if free_y else (0.0, 0.0, 0.0)
-        m11, m12, m21, m22 = 1.0 - half * xx, -half * xy, -half * yx, 1.0 - half * yy
-        scale = h / (m11 * m22 - m12 * m21)
-        buffer[D_U + k] = scale * (m22 * ax - m12 * ay)
-        buffer[D_V + k] = scale * (m11 * ay - m21 * ax)
+        a = total(forces, at, block, k, buffer[U + k], buffer[V + k])
+        buffer[D_U + k], buffer[D_V + k] = implicit(a, h)
+    if p.held.size > 0:
+        hold_push(forces, at, p, first, n, h, constraint, buffer)
     for k in range(n):
-        buffer[IMPULSE + k] = mass[np.uintp(first + k)] * h
+        buffer[IMPULSE + k] = p.mass[np.uintp(first + k)] * h
     book(forces, at, block, n, buffer)
-    if held.size > 0:
-        hold_back(first, n, inverse_x, inverse_y, constraint, buffer)
-    push_spin(inverse_spin, forces, at, first, n, inertia, h, held, constraint, buffer)
+    push_spin(p.spinning, forces, at, p, first, n, h, constraint, buffer)
     for k in range(n):
         buffer[U + k] += buffer[D_U + k]
         buffer[V + k] += buffer[D_V + k]
 
 
+@inner
+def implicit(a, h):
+    """δu of (1 − h/2 Σ J) δu = h Σ a, the step of all forces but contacts (eq. linearly-implicit)."""
+    half = 0.5 * h
+    m11, m12, m21, m22 = 1.0 - half * a.xx, -half * a.xy, -half * a.yx, 1.0 - half * a.yy
+    scale = h / (m11 * m22 - m12 * m21)
+    return scale * (m22 * a.x - m12 * a.y), scale * (m11 * a.y - m21 * a.x)
+
+
 @dispatched
-def push_spin(inverse_spin, forces, at, first, n, inertia, h, held, constraint, buffer):
+def push_spin(spinning, forces, at, p, first, n, h, constraint, buffer):
     block = first // BLOCK
-    total_spin(forces, at, block, n, buffer)
     for k in range(n):
-        floe = np.uintp(first + k)
-        change = h * buffer[ALPHA + k] / (1.0 - 0.5 * h * buffer[SLOPE + k])
-        buffer[D_OMEGA + k] = change if inverse_spin[floe] > 0.0 else 0.0
+        alpha, slope = total_spin(forces, at, block, k, buffer[OMEGA + k])
+        buffer[D_OMEGA + k] = h * alpha / (1.0 - 0.5 * h * slope)
+    if p.held.size > 0:
+        hold_spin(forces, at, p, first, n, h, constraint, buffer)
     for k in range(n):
-        buffer[TWIST + k] = inertia[np.uintp(first + k)] * h
+        buffer[TWIST + k] = p.inertia[np.uintp(first + k)] * h
     book_spin(forces, at, block, n, buffer)
-    if held.size > 0:
-        hold_spin_back(inverse_spin, first, n, constraint, buffer)
     for k in range(n):
         buffer[OMEGA + k] += buffer[D_OMEGA + k]
 
 
 @push_spin.register
-def _(inverse_spin: None, forces, at, first, n, inertia, h, held, constraint, buffer):
+def _(spinning: None, forces, at, p, first, n, h, constraint, buffer):
     pass
 
 
 @inner
-def hold_back(first, n, inverse_x, inverse_y, constraint, buffer):
-    """What holds an axis takes up the other forces along it."""
+def hold_push(forces, at, p, first, n, h, constraint, buffer):
+    """Floes with a held axis: it keeps its velocity, and what holds it takes up the forces along it."""
     for k in range(n):
-        du, dv = buffer[D_U + k], buffer[D_V + k]
-        if inverse_x[first + k] == 0.0:
-            a = buffer[A_X + k] + 0.5 * (buffer[J_XX + k] * du + buffer[J_XY + k] * dv)
-            constraint[0] -= buffer[IMPULSE + k] * a
-            constraint[2] -= buffer[IMPULSE + k] * a * buffer[U + k]
-        if inverse_y[first + k] == 0.0:
-            a = buffer[A_Y + k] + 0.5 * (buffer[J_YX + k] * du + buffer[J_YY + k] * dv)
-            constraint[1] -= buffer[IMPULSE + k] * a
-            constraint[2] -= buffer[IMPULSE + k] * a * buffer[V + k]
+        free_x, free_y = p.inverse_x[first + k] > 0.0, p.inverse_y[first + k] > 0.0
+        if not (free_x and free_y):
+            a = total(forces, at, first // BLOCK, k, buffer[U + k], buffer[V + k])
+            ax, xx, xy = (a.x, a.xx, a.xy) if free_x else (0.0, 0.0, 0.0)
+            ay, yx, yy = (a.y, a.yx, a.yy) if free_y else (0.0, 0.0, 0.0)
+            du, dv = implicit(Push(ax, ay, xx, xy, yx, yy), h)
+            buffer[D_U + k], buffer[D_V + k] = du, dv
+            hold_back(p, first + k, a, du, dv, h, buffer[U + k], buffer[V + k], constraint)
 
 
 @inner
-def hold_spin_back(inverse_spin, first, n, constraint, buffer):
+def hold_back(p, k, a, du, dv, h, u, v, constraint):
+    """What holds an axis of a floe takes up the other forces along it."""
+    if p.inverse_x[k] == 0.0:
+        impulse = p.mass[k] * h * (a.x + 0.5 * (a.xx * du + a.xy * dv))
+        constraint[0] -= impulse
+        constraint[2] -= impulse * u
+    if p.inverse_y[k] == 0.0:
+        impulse = p.mass[k] * h * (a.y + 0.5 * (a.yx * du + a.yy * dv))
+        constraint[1] -= impulse
+        constraint[2] -= impulse * v
+
+
+@inner
+def hold_spin(forces, at, p, first, n, h, constraint, buffer):
+    """Floes with a held spin keep it, and what holds them takes up the torque."""
     for k in range(n):
-        if inverse_spin[first + k] == 0.0:
-            constraint[2] -= buffer[TWIST + k] * buffer[ALPHA + k] * buffer[OMEGA + k]
+        if p.inverse_spin[first + k] == 0.0:
+            omega = buffer[OMEGA + k]
+            alpha, _ = total_spin(forces, at, first // BLOCK, k, omega)
+            constraint[2] -= p.inertia[first + k] * h * alpha * omega
+            buffer[D_OMEGA + k] = 0.0
 
 
 @dispatched
@@ -422,7 +437,7 @@ def touch_walls(
             force[k].y += wall.side * f.f_n
         wall.force -= wall.side * f.f_n
         strike_wall(inverse, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint)
-        lost[1] += f.dashpot_loss
+        lost[DASHPOTS] += f.dashpot_loss
 
 
 @touch_walls.register
@@ -460,7 +475,7 @@ def _(inverse: None, wall_law, floes, force, k, wall, along_x, f, opening, dt, c
 def lean(force, begin, end, dt, kept, constraint):
     """Pieces of coast take up the contact forces on them; what turns them matters to nothing.
 
-    kept : see `kick`
+    kept : see `hold_kick`
     """
     x = y = 0.0
     for k in range(begin, end):
@@ -482,23 +497,22 @@ def move(
     kicks : before and after the push [s]; pushed : time that the other forces act for [s], 0 where they do not yet
     """
     before, after = kicks
+    if packed.held.size > 0:
+        hold_kick(packed, begin, end - begin, before + after, 0.0, constraint)
     if len(forces) == 0 or pushed == 0.0:
-        return glide(packed, begin, end, before + after, dt, constraint)
+        return glide(packed, begin, end, before + after, dt)
     fastest = 0.0
     for first in range(begin, end, BLOCK):
-        n = min(BLOCK, end - first)
-        kick_and_push(
-            forces, at, packed, first, n, before, pushed, substeps[first // BLOCK], constraint,
-            buffer,
-        )  # fmt: skip
-        fastest = max(fastest, glide(packed, first, first + n, after, dt, constraint))
+        n, times = min(BLOCK, end - first), substeps[first // BLOCK]
+        push_block(forces, at, packed, first, n, before, pushed, times, constraint, buffer)
+        fastest = max(fastest, glide(packed, first, first + n, after, dt))
     return fastest
 
 
 @in_place
-def move_walls(walls, kicked, dt):
+def move_walls(walls, kicks, dt):
     """Kick and drift the walls; returns the largest speed²."""
-    kick_walls(walls, kicked, 0.0)
+    kick_walls(walls, *kicks, 0.0)
     return drift_walls(walls, dt)
 
 
@@ -506,18 +520,14 @@ def move_walls(walls, kicked, dt):
 def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constraint, buffer):
     """The second half of the last kick, and what is left of the push; the forces stay to be looked at."""
     p = packed
-    kick_walls(walls, kicked, 0.0)
+    kick_walls(walls, kicked, 0.0, 0.0)
     for tile in range(tiles.coast.size):
         begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
-        if len(forces) == 0 or pushed == 0.0:
-            kick(p, begin, coast - begin, kicked, constraint)
-        else:
+        kick(p, begin, coast - begin, kicked, constraint)
+        if len(forces) > 0 and pushed != 0.0:
             for first in range(begin, coast, BLOCK):
-                n = min(BLOCK, coast - first)
-                kick_and_push(
-                    forces, at, p, first, n, kicked, pushed, substeps[first // BLOCK], constraint,
-                    buffer,
-                )  # fmt: skip
+                n, times = min(BLOCK, coast - first), substeps[first // BLOCK]
+                push_block(forces, at, p, first, n, 0.0, pushed, times, constraint, buffer)
         lean(p.force, coast, end, kicked, 1.0, constraint)
 
 
@@ -608,8 +618,8 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
             )
         if tile > first:  # the blows of the tile before, for which this one's forces are known now
             strike_floes(
-                laws.contact, inverse, p.floes, p.spinning, blows[(tile - 1) % 2], before, dt,
-                p.force, books.held[tile - 1], books.lost[tile - 1],
+                laws.contact, lists.pairs.slip, inverse, p.floes, p.spinning, blows[(tile - 1) % 2],
+                before, dt, p.force, books.held[tile - 1], books.lost[tile - 1],
             )  # fmt: skip
     return fastest
 
@@ -621,17 +631,21 @@ def verlet(
 ):  # fmt: skip
     """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
 
+        kick and push    `push_block`, in steps in which the other forces act
+        kick and drift   `glide`
+        touch            `touch`, then the blows that it noted
+        kick             with the next step's first, or in `end_steps`
+
     The last half kick of a step and the first of the next are of the same force: they are one kick, unless the other
     forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list is
-    to be made anew between.
+    to be made anew between.  `threads.verlet_in_threads` does the same chunk by chunk: what changes here, changes there.
 
     way : of the fastest floe in a step [m], if the short list is of the present place; inf: it is to be made anew
     lag : see `time_to_push`; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
-    first = (
-        last - last
-    )  # a zero, but no literal: for one the compiler would make kernels of their own
+    # a zero, but no literal: for one the compiler would make kernels of their own
+    first = last - last
     done, kicks, since = 0, (0.0, first_kick), 0.0
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
@@ -640,13 +654,13 @@ def verlet(
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, lists.skin)
-        fastest = move_walls(walls.walls, kicks[0] + kicks[1], dt)
-        for turn in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
-            if turn == 1:
+        fastest = move_walls(walls.walls, kicks, dt)
+        for half in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
+            if half == 1:
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
                        lists.skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
-                laws, forces, at, p, lists, walls, first, last, turn == 0, turn == 1 or not anew,
+                laws, forces, at, p, lists, walls, first, last, half == 0, half == 1 or not anew,
                 kicks, dt, pushed, substeps, books, (*buffers, lists.blows),
             )  # fmt: skip
             fastest = max(fastest, speed2)
@@ -698,152 +712,25 @@ def is_stale(since, way, skin):
     return since + 2.0 * way > 0.5 * skin
 
 
-@in_place
-def taylor(
-    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, reach,
-    buffers,
-):  # fmt: skip
-    """The paper's schemes: forces at the old place and velocity, then one Taylor step.
-
-    x += u Δt + ½ a Δt² (+ ⅙ (a − a_old) Δt²),  u += a Δt (+ ½ (a − a_old) Δt)   (eq. taylor)
-
-    a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.  What a floe
-    gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
-    """
-    p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
-    start, constraint = parts - parts, books.held[parts - 1]
-    ahead = 0.5 if third_order else 0.0
-    pair_buffer, buffer = buffers
-    done, way, since = 0, 0.0, np.inf
-    while done < steps and travelled < reach:
-        forget(p.spinning, p.force)
-        if is_stale(since, way, lists.skin):
-            narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,
-                   lists.skin + 2.0 * way)  # fmt: skip
-            since = 0.0
-        for tile in range(parts):
-            touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer, lists.blows[0])
-        for q in range(p.held.size):
-            hold_taylor(p, p.held[q], ahead, dt, constraint)
-        for tile in range(tiles.coast.size):
-            for k in range(tiles.coast[tile], tiles.bounds[tile + 1]):
-                hold_taylor(p, k, ahead, dt, constraint)
-        fastest = 0.0
-        for first in range(0, p.floes.size, BLOCK):
-            n = min(BLOCK, p.floes.size - first)
-            for k in range(n):
-                buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
-            read_spin(p.spinning, first, n, buffer)
-            buffer[D_U : SLOPE + BLOCK] = 0.0
-            for k in range(n):
-                buffer[IMPULSE + k] = p.mass[first + k] * dt
-            total(forces, at, first // BLOCK, n, buffer)
-            book(forces, at, first // BLOCK, n, buffer)
-            if p.held.size > 0:
-                hold_back(first, n, p.inverse_x, p.inverse_y, constraint, buffer)
-            twist(p.spinning, forces, at, first, n, p, dt, constraint, buffer)
-            for k in range(n):
-                floe, contact = p.floes[first + k], p.force[first + k]
-                inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
-                previous = p.previous[first + k]
-                ax, ay = inverse_x * contact.x, inverse_y * contact.y
-                ox = buffer[A_X + k] if inverse_x > 0.0 else 0.0
-                oy = buffer[A_Y + k] if inverse_y > 0.0 else 0.0
-                jerk_x = inverse_x * (contact.x - previous[0]) if third_order else 0.0
-                jerk_y = inverse_y * (contact.y - previous[1]) if third_order else 0.0
-                floe.x += (floe.u + (0.5 * (ax + ox) + jerk_x / 6.0) * dt) * dt
-                floe.y += (floe.v + (0.5 * (ay + oy) + jerk_y / 6.0) * dt) * dt
-                floe.u += (ax + ox + ahead * jerk_x) * dt
-                floe.v += (ay + oy + ahead * jerk_y) * dt
-                previous[0], previous[1] = contact.x, contact.y
-                fastest = max(fastest, floe.u**2 + floe.v**2)
-            taylor_spin(p.spinning, third_order, p, first, n, dt, buffer)
-        kick_walls(walls.walls, dt, ahead)
-        way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
-        travelled, since = travelled + way, since + way
-        done += 1
-    settle(near, start, parts)
-    return done
-
-
-@inner
-def hold_taylor(p, k, ahead, dt, constraint):
-    """What holds an axis takes up the contact forces along it, and their change as free floes do."""
-    floe, contact, previous = p.floes[k], p.force[k], p.previous[k]
-    if p.inverse_x[k] == 0.0:
-        impulse = dt * (contact.x + ahead * (contact.x - previous[0]))
-        constraint[0] -= impulse
-        constraint[2] -= impulse * floe.u
-    if p.inverse_y[k] == 0.0:
-        impulse = dt * (contact.y + ahead * (contact.y - previous[1]))
-        constraint[1] -= impulse
-        constraint[2] -= impulse * floe.v
-    hold_taylor_spin(p.spinning, p, k, ahead, dt, constraint)
-
-
-@dispatched
-def hold_taylor_spin(spinning, p, k, ahead, dt, constraint):
-    if p.inverse_spin[k] == 0.0:
-        torque = p.force[k].torque
-        torque += ahead * (torque - p.previous[k, 2])
-        constraint[2] -= dt * torque * spinning[k].omega
-
-
-@hold_taylor_spin.register
-def _(spinning: None, p, k, ahead, dt, constraint):
-    pass
-
-
 @inner
 def forget(spinning, force):
     """Forces of the last step are used up."""
     for k in range(force.size):
-        force[k].x = 0.0
-        force[k].y = 0.0
-    forget_torque(spinning, force)
+        forget_one(spinning, force[k])
+
+
+@inner
+def forget_one(spinning, f):
+    f.x = 0.0
+    f.y = 0.0
+    forget_torque(spinning, f)
 
 
 @dispatched
-def forget_torque(spinning, force):
-    for k in range(force.size):
-        force[k].torque = 0.0
+def forget_torque(spinning, f):
+    f.torque = 0.0
 
 
 @forget_torque.register
-def _(spinning: None, force):
-    pass
-
-
-@dispatched
-def twist(spinning, forces, at, first, n, p, dt, constraint, buffer):
-    """Torques of the fluids at the old spin, and their work."""
-    for k in range(n):
-        buffer[TWIST + k] = p.inertia[first + k] * dt
-    total_spin(forces, at, first // BLOCK, n, buffer)
-    book_spin(forces, at, first // BLOCK, n, buffer)
-    if p.held.size > 0:
-        hold_spin_back(p.inverse_spin, first, n, constraint, buffer)
-
-
-@twist.register
-def _(spinning: None, forces, at, first, n, p, dt, constraint, buffer):
-    pass
-
-
-@dispatched
-def taylor_spin(spinning, third_order, p, first, n, dt, buffer):
-    for k in range(n):
-        floe = first + k
-        other = buffer[ALPHA + k] if p.inverse_spin[floe] > 0.0 else 0.0
-        inverse, torque = p.inverse_spin[floe], p.force[floe].torque
-        alpha = inverse * torque
-        jerk = inverse * (torque - p.previous[floe, 2]) if third_order else 0.0
-        omega = spinning[floe].omega
-        p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
-        spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
-        p.previous[floe, 2] = torque
-
-
-@taylor_spin.register
-def _(spinning: None, third_order, p, first, n, dt, buffer):
+def _(spinning: None, f):
     pass

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from floebmi.model import Model
     from floebmi.scene import Built, Scene, Schedule
 
-# Floe-steps per second on one core like those of docs/benchmarks.md, until it is measured here
+# Floe-steps per second of packaged scenes, exchanges and output included, on one core like those of
+# docs/benchmarks.md; until it is measured here
 SPEED = {"free drift": 60e6, "cohesive": 30e6, "frictional": 20e6}
 DRAG_SLOWS = 0.7  # with drag of ocean and air
 USUAL_DRAG = (1e-3, 1e-2)  # bulk coefficients that observations give [1]

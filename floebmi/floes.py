@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from floebmi.arrays import all_finite, same_bits
 from floebmi.errors import InputError
+from floebmi.quantities import unmasked
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
 FIXED_Y = 2
@@ -337,7 +338,7 @@ class Floes:
 
 def _numbers(name: str, value: ArrayLike) -> np.ndarray:
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = unmasked(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} = {value!r}: must be a number or a row of numbers") from None
     if array.ndim > 1:

@@ -1,4 +1,4 @@
-"""Forces other than contacts: a new force goes here, and only here.
+"""Forces other than contacts: the equation of a new force goes here, and only here.
 
 A force is a law (a few numbers), what it needs at each floe (`at_floes`), its acceleration with the exact
 derivative in the velocity (`acceleration`), and a bound on its rate (`add_fastest_rate`).  All forces of a scene act
@@ -67,7 +67,7 @@ class CoriolisField(NamedTuple):
 
 
 class Tilt(NamedTuple):
-    """Sea-surface tilt, −g ∇ζ; the slope is given on the ocean's grid (eq. sea-surface-tilt).
+    """Sea-surface tilt, −g ∇η; the slope is given on the ocean's grid (eq. sea-surface-tilt).
 
     Parameters
     ----------
@@ -182,6 +182,9 @@ class Push(NamedTuple):
     xy: float
     yx: float
     yy: float
+
+
+NONE = Push(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dispatched
@@ -341,10 +344,8 @@ def _add_fastest_drag(at, speed, spin, rate):
 
 # Rows of the buffer of a block of floes.  Results lie below what they are computed from: only so can the
 # compiler see that no later floe reads what an earlier one wrote.
-D_U, D_V, D_OMEGA, A_X, A_Y, J_XX, J_XY, J_YX, J_YY, ALPHA, SLOPE, IMPULSE, TWIST, U, V, OMEGA = (
-    row * BLOCK for row in range(16)
-)
-FORCE_BUFFER = 16 * BLOCK
+D_U, D_V, D_OMEGA, IMPULSE, TWIST, U, V, OMEGA = (row * BLOCK for row in range(8))
+FORCE_BUFFER = 8 * BLOCK
 
 
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
@@ -426,28 +427,42 @@ def for_each(body: Callable) -> Callable:
     return each
 
 
-@for_each
-@inner
-def total(force, at, n, buffer):
-    """Add a and J to the buffer."""
-    for k in range(n):
-        a = acceleration(force, at, k, buffer[U + k], buffer[V + k])
-        buffer[A_X + k] += a.x
-        buffer[A_Y + k] += a.y
-        buffer[J_XX + k] += a.xx
-        buffer[J_XY + k] += a.xy
-        buffer[J_YX + k] += a.yx
-        buffer[J_YY + k] += a.yy
+def total(forces, at, block, k, u, v):
+    """The sum of a and of J over the forces, of floe k of a block."""
+    a = [acceleration(f, table[block], k, u, v) for f, table in zip(forces, at, strict=True)]
+    return Push(*map(sum, zip(NONE, *a, strict=True)))
 
 
-@for_each
-@inner
-def total_spin(force, at, n, buffer):
-    """The same of their rotation."""
-    for k in range(n):
-        alpha, slope = spin_up(force, at, k, buffer[OMEGA + k])
-        buffer[ALPHA + k] += alpha
-        buffer[SLOPE + k] += slope
+@overload(total, jit_options=IN_PLACE)
+def _total(forces, at, block, k, u, v):
+    if len(forces) == 0:
+        return lambda forces, at, block, k, u, v: NONE
+
+    def unrolled(forces, at, block, k, u, v):
+        a = acceleration(forces[0], at[0][block], k, u, v)
+        b = total(forces[1:], at[1:], block, k, u, v)
+        return Push(a.x + b.x, a.y + b.y, a.xx + b.xx, a.xy + b.xy, a.yx + b.yx, a.yy + b.yy)
+
+    return unrolled
+
+
+def total_spin(forces, at, block, k, omega):
+    """The same of their rotation: the angular acceleration and its derivative."""
+    a = [spin_up(f, table[block], k, omega) for f, table in zip(forces, at, strict=True)]
+    return tuple(map(sum, zip((0.0, 0.0), *a, strict=True)))
+
+
+@overload(total_spin, jit_options=IN_PLACE)
+def _total_spin(forces, at, block, k, omega):
+    if len(forces) == 0:
+        return lambda forces, at, block, k, omega: (0.0, 0.0)
+
+    def unrolled(forces, at, block, k, omega):
+        alpha, slope = spin_up(forces[0], at[0][block], k, omega)
+        others = total_spin(forces[1:], at[1:], block, k, omega)
+        return alpha + others[0], slope + others[1]
+
+    return unrolled
 
 
 @for_each

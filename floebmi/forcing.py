@@ -20,14 +20,14 @@ from scipy import sparse
 
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
-from floebmi.clock import BeyondSpan, Clock
+from floebmi.clock import BeyondSpan, Calendar, Clock
 from floebmi.errors import InputError, choose
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid
 from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Position
+from floebmi.quantities import is_number, unmasked
 from floebmi.remap import FillLand, around_cells, interpolate
-from floebmi.scalars import read_scalar
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
@@ -89,7 +89,7 @@ _WRONG_ANGLE = 0.1
 
 
 __all__ = [
-    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors", "read_scalar",
+    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors",
 ]  # fmt: skip
 
 
@@ -111,8 +111,8 @@ class Constant:
     span = None
 
     def __init__(self, u: float = 0.0, v: float = 0.0) -> None:
-        if not (np.isfinite(u) and np.isfinite(v)):
-            raise InputError(f"Constant velocity ({u}, {v}): must be two finite numbers [m/s]")
+        if not (is_number(u) and is_number(v)):
+            raise InputError(f"Constant velocity ({u!r}, {v!r}): must be two finite numbers [m/s]")
         self.u, self.v = float(u), float(v)
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
@@ -148,7 +148,7 @@ class Function:
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,)."""
         for name, given, out in (("u", self.u, u), ("v", self.v, v)):
-            values = np.asarray(given(self._x, self._y, t) if callable(given) else given, float)
+            values = unmasked(given(self._x, self._y, t) if callable(given) else given)
             if values.shape not in ((), out.shape):
                 raise InputError(
                     f"Function {name} at t = {t:g} s: shape {values.shape}; must be {out.shape}"
@@ -195,6 +195,7 @@ class VelocityFile:
         "nearest" water, or 0 ("dry": mask the grid with `covered` then)
     position, file_projection : see `floebmi.places.place_of`
     beyond_span : "error", "hold" or "repeat", see `floebmi.clock.Clock`
+    calendar : CF calendar that the file's dates must be of, that of the run; default: any
 
     Attributes
     ----------
@@ -233,6 +234,7 @@ class VelocityFile:
         position: Position = "auto",
         file_projection: str | None = None,
         beyond_span: BeyondSpan = "error",
+        calendar: Calendar | None = None,
     ) -> None:
         _among("kind", kind, _VELOCITIES)
         _among("vectors", vectors, ("auto", "east-north", "grid"))
@@ -246,7 +248,7 @@ class VelocityFile:
         self._kind, self._u, self._v = kind, u, v
         self._label = f"{u.file.label}: {u.name}, {v.name}"
         factors = [velocity_factor(units or f.array.attrs.get("units"), f.label) for f in (u, v)]
-        self._clock = _common_clock(u, v, start, beyond_span)
+        self._clock = _common_clock(u, v, start, beyond_span, calendar)
 
         centres = cgrid.find_centres(files, u, v, stagger, projection, position, file_projection)
         self.projection = centres.place.plane
@@ -452,9 +454,15 @@ def _levels(part: Field) -> str:
     return "".join(f", {dim}[{i}]" for dim, i in part.fixed.items())
 
 
-def _common_clock(u: Field, v: Field, start: Date | None, beyond_span: BeyondSpan) -> Clock:
-    clock = Clock(u, start, beyond_span)
-    other = Clock(v, start if start is not None else None, beyond_span)
+def _common_clock(
+    u: Field,
+    v: Field,
+    start: Date | None,
+    beyond_span: BeyondSpan,
+    calendar: Calendar | None,
+) -> Clock:
+    clock = Clock(u, start, beyond_span, calendar)
+    other = Clock(v, start, beyond_span, calendar)
     same = (clock.seconds is None) == (other.seconds is None)
     if same and clock.seconds is not None:
         same = np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)

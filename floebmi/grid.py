@@ -21,6 +21,7 @@ import numpy as np
 
 from floebmi.errors import InputError
 from floebmi.kernels import jit
+from floebmi.quantities import is_number
 
 Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
@@ -190,9 +191,10 @@ class Grid:
         if shape is not None:
             ny, nx = _counts(shape)
         else:
-            dx, dy = np.broadcast_to(np.asarray(spacing, float), (2,))
-            nx = _divide("x", west, east, float(dx))
-            ny = _divide("y", south, north, float(dy))
+            sides = (spacing, spacing) if np.ndim(spacing) == 0 else tuple(spacing)
+            if len(sides) != 2:
+                raise InputError(f"grid: spacing = {spacing!r}: must be a number, or two (dx, dy)")
+            nx, ny = _divide("x", west, east, sides[0]), _divide("y", south, north, sides[1])
         edges = np.linspace(west, east, nx + 1), np.linspace(south, north, ny + 1)
         return cls._from_edges("uniform_rectilinear", *edges, wet)
 
@@ -427,21 +429,21 @@ class Grid:
 
 
 def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
-    values = np.asarray(pair, float)
-    if values.shape != (2,) or not np.isfinite(values).all() or not values[1] > values[0]:
-        raise InputError(f"grid: {name} = {pair}: must be two numbers, the second larger")
-    return float(values[0]), float(values[1])
+    if np.shape(pair) != (2,) or not all(map(is_number, pair)) or not pair[1] > pair[0]:
+        raise InputError(f"grid: {name} = {pair!r}: must be two numbers, the second larger")
+    return float(pair[0]), float(pair[1])
 
 
 def _counts(shape: tuple[int, int]) -> tuple[int, int]:
-    if len(shape) != 2 or any(int(n) != n or n < 1 for n in shape):
+    counts = np.shape(shape) == (2,) and all(map(is_number, shape))
+    if not counts or any(int(n) != n or n < 1 for n in shape):
         raise InputError(f"grid: shape = {shape}: must be (ny, nx), whole numbers of 1 or more")
     return int(shape[0]), int(shape[1])
 
 
 def _divide(name: str, low: float, high: float, spacing: float) -> int:
-    if not (np.isfinite(spacing) and spacing > 0):
-        raise InputError(f"grid: spacing along {name} = {spacing}: must be greater than 0")
+    if not (is_number(spacing) and spacing > 0):
+        raise InputError(f"grid: spacing along {name} = {spacing!r}: must be greater than 0")
     cells = round((high - low) / spacing)
     if cells < 1 or abs(cells * spacing - (high - low)) > 1e-9 * (high - low):
         raise InputError(

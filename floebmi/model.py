@@ -17,6 +17,7 @@ friction has no angles.
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, choose
-from floebmi.floes import Floes
+from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import (
     ACCOUNTS,
     FLUID_U,
@@ -68,7 +69,7 @@ from floebmi.kernels import BLOCK
 from floebmi.overlaps import overlapping
 from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
-from floebmi.quantities import check, words
+from floebmi.quantities import check, is_number, words
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -165,6 +166,27 @@ class Fluid:
         return curl
 
 
+def _check_kinds(
+    floes: object,
+    grid: object,
+    walls: object,
+    inflow: object,
+    step: object,
+    atmosphere_grid: object,
+) -> None:
+    """InputError for a part of a model that is of another kind, such as one that stands in another's place."""
+    for name, part, kind in (("floes", floes, Floes), ("step", step, Step)):
+        if not isinstance(part, kind):
+            raise InputError(f"{name} = {part!r}: must be of the kind {kind.__name__}")
+    for name, part in (("grid", grid), ("atmosphere_grid", atmosphere_grid)):
+        if not isinstance(part, Grid | None):
+            raise InputError(f"{name} = {part!r}: must be a Grid, or None")
+    for name, parts, kind in (("walls", walls, Wall), ("inflow", inflow, Inflow)):
+        several = [parts] if name == "inflow" and isinstance(parts, kind) else parts
+        if not isinstance(several, Sequence) or not all(isinstance(p, kind) for p in several):
+            raise InputError(f"{name} = {parts!r}: must be a list of {kind.__name__}")
+
+
 class _Seen:
     """What was found out about the floes as they are at one moment; each thing once.
 
@@ -227,15 +249,17 @@ class Model:
         threads: int = 1,
     ) -> None:
         check_domain(domain)
+        _check_kinds(floes, grid, walls, inflow, step, atmosphere_grid)
         self.domain, self.floes, self.contact = domain, floes, contact
         self.forces = tuple(forces)
         self.step, self.sampling = step, sampling
         self.walls = tuple(walls)
         self.inflow = (inflow,) if isinstance(inflow, Inflow) else tuple(inflow)
-        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
+        self.ice_density, self.draft_fraction = ice_density, draft_fraction
         self.seed, self.threads = seed, threads
         self.time = 0.0
         self._check_laws()
+        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
         if step.fraction is None:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
         if rotation or turns(contact):
@@ -257,7 +281,9 @@ class Model:
         records = build_walls(domain, self.walls, floes, self.ice_density, modulus)
         if contact is None and len(records):
             raise InputError("walls and closed edges need a contact law: contact is None")
-        self._refuse_overlaps()
+        # the floes as they were when nobody had put them onto each other; None where that is not known
+        self._accepted: Floes | None = None
+        self._refuse_overlaps("at the start")
         self._state = State(
             records,
             Memory(self._nothing_remembered(), np.arange(len(floes))),
@@ -270,6 +296,7 @@ class Model:
         self._warned_of_lag = False
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
+        self._accepted = self._seen.floes
         self._tables = self._allocate()  # of the forces at all floes
         self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
@@ -317,8 +344,10 @@ class Model:
             )
         for name in ("ice_density", "draft_fraction"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not (is_number(value) and value > 0):
                 raise InputError(f"{name} = {value!r}: must be greater than 0")
+        if not (isinstance(self.seed, Integral) and self.seed >= 0):
+            raise InputError(f"seed = {self.seed!r}: must be a whole number, at least 0")
         if not (isinstance(self.threads, int) and self.threads >= 1):
             raise InputError(f"threads = {self.threads!r}: must be a whole number, at least 1")
         if self.draft_fraction > 1:
@@ -333,18 +362,35 @@ class Model:
                     "or make new floes"
                 )
 
-    def _refuse_overlaps(self) -> None:
+    def _refuse_overlaps(self, when: str, allowed: float = OVERLAP_ALLOWED) -> None:
+        """InputError for floes that overlap by more than `allowed` of the smaller radius.
+
+        Once floes are known, what counts is how much more they overlap than those did.
+        """
         if self.contact is None or not len(self.floes):
             return
-        worst = overlapping(self.floes, self.domain, allowed=OVERLAP_ALLOWED)
-        if len(worst):
+        worst = overlapping(self.floes, self.domain, allowed)
+        if worst and self._accepted is not None:
+            had = {pair[:2]: pair.share for pair in overlapping(self._accepted, self.domain)}
+            worst = [pair for pair in worst if pair.share - had.get(pair[:2], 0.0) > allowed]
+        if worst:
             shown = "; ".join(
                 f"floes {pair.i} and {pair.j} by {pair.overlap:.4g} m" for pair in worst[:3]
             )
+            more = f" and {len(worst) - 3} more pairs" if len(worst) > 3 else ""
             raise InputError(
-                f"floes overlap at the start by more than {OVERLAP_ALLOWED:g} of the smaller radius: "
-                f"{shown} ({len(worst)} pairs); move them apart, or call floebmi.relax(floes, domain)"
+                f"floes overlap {when} by more than {allowed:g} of the smaller radius: "
+                f"{shown}{more}; move them apart, or call floebmi.relax(floes, domain)"
             )
+
+    def _refuse_edits(self) -> None:
+        """InputError for floes that somebody made what none may be, or put onto each other."""
+        self.floes.check()
+        if self._accepted is None:
+            if self.contact is not None and self.contact.failure is None:
+                self._refuse_overlaps("after a restart", 1.0)  # more than a run leaves them with
+        elif not self.floes.same(self._accepted, ("x", "y", "radius", "active")):
+            self._refuse_overlaps("after an edit")
 
     def _nothing_remembered(self) -> PairList:
         none = np.zeros(0, np.uint32)
@@ -397,7 +443,8 @@ class Model:
         Raises
         ------
         InputError
-            for a duration that is negative or not finite, and for a NaN in a fluid where a floe reads it.
+            for a duration that is negative or not finite, for a NaN in a fluid where a floe reads it, and for
+            floes that an edit has put onto each other.
         StabilityError
             if floes leave what the step resolves: a floe moves more than half its radius in a step or
             overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
@@ -405,14 +452,15 @@ class Model:
 
         After an error the model is as it was before.
         """
-        if not (np.isfinite(duration) and duration >= 0):
+        if not (is_number(duration) and duration >= 0):
             raise InputError(f"advance: duration = {duration!r}; must be at least 0 s")
+        duration = float(duration)
         if duration == 0:
             return
         self._check_fluids()
         seen = self._look()
         if seen is not self._left:
-            self.floes.check()
+            self._refuse_edits()
             self._tables = self._allocate()
         known = len(self.floes)
         advance = self._now(seen)
@@ -437,6 +485,7 @@ class Model:
         if len(self.floes) != known:
             self._tables = self._allocate()
         self._left = self._seen = _Seen(self._state.kept.floes)
+        self._accepted = self._seen.floes
         self.time += duration
         self._last_duration = duration
         self._warn_of_lag(duration)
@@ -481,7 +530,7 @@ class Model:
             if fluid is None:
                 continue
             thickness = fluid.layer_thickness
-            if thickness is not None and not (np.isfinite(thickness) and thickness > 0):
+            if thickness is not None and not (is_number(thickness) and thickness > 0):
                 raise InputError(
                     f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
                 )
@@ -825,6 +874,8 @@ class Model:
             floes.allow_own(name)
             setattr(floes, name, of_floes(name))
         s = self._state
+        if not floes.same(self.floes):  # else an advance that was refused is undone
+            self._accepted = None
         self.floes = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
@@ -883,8 +934,8 @@ class Model:
         """Velocity components that the forces can change."""
         f = self.floes
         bits = f.motion[f.active].astype(int)
-        free = sum(int(((bits & bit) == 0).sum()) for bit in ((1, 2, 4) if f.rotation else (1, 2)))
-        return free
+        axes = (FIXED_X, FIXED_Y, FIXED_ROTATION) if f.rotation else (FIXED_X, FIXED_Y)
+        return sum(int(((bits & axis) == 0).sum()) for axis in axes)
 
     def __repr__(self) -> str:
         d = self.domain

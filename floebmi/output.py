@@ -31,6 +31,7 @@ import numpy as np
 import floebmi
 from floebmi.coast import land_geometry
 from floebmi.errors import InputError, choose
+from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND
 from floebmi.projection import check_projection, to_lonlat
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
@@ -49,7 +50,7 @@ RESTART_VERSION = 1
 
 _FLAGS = {
     "motion": {
-        "flag_masks": np.array([1, 2, 4, 8], np.int8),
+        "flag_masks": np.array([FIXED_X, FIXED_Y, FIXED_ROTATION, LAND], np.int8),
         "flag_meanings": "x_velocity_prescribed y_velocity_prescribed rotation_prescribed land",
     },
     "land_mask": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "sea land"},
@@ -462,7 +463,7 @@ def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
     units = f"seconds since {reference or EPOCH}"
     try:
         cftime.num2date(0.0, units, calendar)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise InputError(
             f"reference = {reference!r} in calendar {calendar!r}: {error}; "
             "must be like '1979-01-15 12:00'"

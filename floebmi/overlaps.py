@@ -10,7 +10,7 @@ from floebmi.neighbours import find_pairs
 
 
 class Overlap(NamedTuple):
-    """Floes i and j overlap by `overlap` [m], a `share` of the smaller radius."""
+    """Floes i < j overlap by `overlap` [m], a `share` of the smaller radius."""
 
     i: int
     j: int
@@ -39,6 +39,6 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     found = np.flatnonzero((share > allowed) & ~(land[i] & land[j]))
     found = found[np.argsort(-share[found])]
     return [
-        Overlap(int(number[i[p]]), int(number[j[p]]), float(overlap[p]), float(share[p]))
+        Overlap(*sorted((int(number[i[p]]), int(number[j[p]]))), float(overlap[p]), float(share[p]))
         for p in found
     ]

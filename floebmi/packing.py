@@ -26,6 +26,7 @@ from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
+from floebmi.quantities import is_number, unmasked
 from floebmi.sizes import Sizes, check_sizes
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
@@ -97,18 +98,18 @@ def scatter(
             f"concentration = {concentration}, count = {count}: give one of them, not both"
         )
     rng = _generator(seed)
-    if not (np.isfinite(thickness) and thickness > 0):
-        raise InputError(f"thickness = {thickness} m; must be greater than 0")
+    if not (is_number(thickness) and thickness > 0):
+        raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
     barrier = _barrier(land, domain, sizes.range[0])
     room = domain.area - barrier.area
     if room <= 1e-9 * domain.area:
         raise InputError("land covers the whole domain; must leave room for floes")
     if count is not None:
-        if int(count) != count or count < 0:
+        if not is_number(count) or int(count) != count or count < 0:
             raise InputError(f"count = {count!r}; must be a whole number, at least 0")
         radius = sizes.draw(int(count), rng)
     else:
-        if not 0 < concentration < 1:
+        if not (is_number(concentration) and 0 < concentration < 1):
             raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
         radius = _draw_area(sizes, concentration * room, rng)
     asked = f"concentration = {concentration:g}" if count is None else f"count = {count}"
@@ -271,11 +272,11 @@ def regular(
         raise InputError(
             f"spacing = {spacing}, concentration = {concentration}: give one of them, not both"
         )
-    if not (np.isfinite(radius) and radius > 0):
-        raise InputError(f"radius = {radius} m; must be greater than 0")
+    if not (is_number(radius) and radius > 0):
+        raise InputError(f"radius = {radius!r} m; must be greater than 0")
     if spacing is not None:
-        if not spacing >= 2 * radius:
-            raise InputError(f"spacing = {spacing} m; must be at least 2 radii, {2 * radius:g} m")
+        if not (is_number(spacing) and spacing >= 2 * radius):
+            raise InputError(f"spacing = {spacing!r} m; must be at least 2 radii, {2 * radius:g} m")
         best = _rows(domain, radius, spacing, lattice)
         if best.nearest < 2 * radius * (1 - 1e-12):
             raise InputError(
@@ -637,7 +638,7 @@ def _area_inside(grid: Grid, domain: Domain) -> np.ndarray:
 
 
 def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
-    values = np.asarray(values, dtype=float)
+    values = unmasked(values)
     if values.ndim and values.size != grid.size:
         raise InputError(
             f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"

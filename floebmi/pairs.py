@@ -38,7 +38,9 @@ from floebmi.contact import blow, coefficient, lever_arm, pair_force, strength
 from floebmi.kernels import BLOCK, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
-
+FRICTION, DASHPOTS, BONDS, FAILURE, BROKEN = range(
+    5
+)  # what is lost to each [J], and the bonds broken
 
 BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
     [
@@ -220,7 +222,7 @@ def touch_floes(
 
     dt : time over which contacts have slipped
     inverse : inverse masses and inertia; what contacts that opened or closed have to strike is noted, unless it is None
-    lost : energy lost in friction, dashpots, bonds, failure [J], and bonds broken
+    lost : see `FRICTION` and those after it
     """
     begin = near.parts[part] + LANES * part
     end = begin + near.counts[part]
@@ -268,26 +270,21 @@ def touch_floes(
             bond_loss += f.bond_loss
             failure_loss += f.failure_loss
             broken += 1.0 if was_bonded > 0.0 and f.bonded <= 0.0 else 0.0
-            buffer[FX + k] = -f.f_n * nx - f.f_t * ny
-            buffer[FY + k] = -f.f_n * ny + f.f_t * nx
-            buffer[TORQUE_I + k] = f.f_t * a_i + f.moment
-            buffer[TORQUE_J + k] = f.f_t * a_j - f.moment
-            buffer[BLOW_N + k], buffer[BLOW_T + k] = f.blow_n, f.blow_t
-            struck += abs(f.blow_n) + abs(f.blow_t)
+            struck += keep_force(slip, f, nx, ny, a_i, a_j, k, buffer)
         for k in range(n, n + (-n) % LANES):
             buffer[FX + k] = buffer[FY + k] = buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
         for k in range(0, n, LANES):
             scatter(force, pair_i, pair_j, first, buffer, k)
         if struck > 0.0:
             noted = note_blows(
-                inverse, law, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, blows,
+                inverse, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows,
                 noted, buffer,
             )  # fmt: skip
-    lost[0] += friction_loss
-    lost[1] += dashpot_loss
-    lost[2] += bond_loss
-    lost[3] += failure_loss
-    lost[4] += broken
+    lost[FRICTION] += friction_loss
+    lost[DASHPOTS] += dashpot_loss
+    lost[BONDS] += bond_loss
+    lost[FAILURE] += failure_loss
+    lost[BROKEN] += broken
     return noted
 
 
@@ -297,6 +294,34 @@ def _(
     constraint, lost, buffer, blows,
 ):  # fmt: skip
     return 0
+
+
+@dispatched
+def keep_force(slip, f, nx, ny, a_i, a_j, k, buffer):
+    """Write the force on i, the torques and the blow of a pair into their columns; returns the size of the blow."""
+    buffer[FX + k] = -f.f_n * nx - f.f_t * ny
+    buffer[FY + k] = -f.f_n * ny + f.f_t * nx
+    buffer[TORQUE_I + k] = f.f_t * a_i + f.moment
+    buffer[TORQUE_J + k] = f.f_t * a_j - f.moment
+    buffer[BLOW_N + k], buffer[BLOW_T + k] = f.blow_n, f.blow_t
+    return abs(f.blow_n) + abs(f.blow_t)
+
+
+@keep_force.register
+def _(slip: None, f, nx, ny, a_i, a_j, k, buffer):
+    buffer[FX + k], buffer[FY + k], buffer[BLOW_N + k] = -f.f_n * nx, -f.f_n * ny, f.blow_n
+    return abs(f.blow_n)
+
+
+@dispatched
+def blow_along(slip, k, buffer):
+    """The blow along the contact; none where nothing resists slip."""
+    return buffer[BLOW_T + k]
+
+
+@blow_along.register
+def _(slip: None, k, buffer):
+    return 0.0
 
 
 @dispatched
@@ -356,11 +381,12 @@ def _(own: None, of_all, slot, buffer):
 
 @dispatched
 def note_blows(
-    inverse, law, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, blows, noted, buffer
+    inverse, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows, noted, buffer
 ):  # fmt: skip
     """Note the blows of a block of pairs, few; returns how many there are by now."""
     for k in range(n):
-        if buffer[BLOW_N + k] == 0.0 and buffer[BLOW_T + k] == 0.0:
+        normal, tangential = buffer[BLOW_N + k], blow_along(slip, k, buffer)
+        if normal == 0.0 and tangential == 0.0:
             continue
         one = blows[noted]
         noted += 1
@@ -375,20 +401,20 @@ def note_blows(
         one.nx, one.ny, one.a_i, one.a_j = nx, ny, a_i, a_j
         one.opening = du * nx + dv * ny
         one.slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
-        one.normal, one.tangential = buffer[BLOW_N + k], buffer[BLOW_T + k]
+        one.normal, one.tangential = normal, tangential
     return noted
 
 
 @note_blows.register
 def _(
-    inverse: None, law, period_x, period_y, floes, spinning, pair_i, pair_j, first, n, blows, noted,
+    inverse: None, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows, noted,
     buffer,
 ):  # fmt: skip
     return noted
 
 
 @dispatched
-def strike_floes(law, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
+def strike_floes(law, slip, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
     """The blows that were noted, one after the other, of opposite sign on both floes.
 
     By now the forces of the other contacts are known too, but for those with floes of still later tiles.
@@ -397,33 +423,48 @@ def strike_floes(law, inverse, floes, spinning, blows, noted, dt, force, constra
     inverse_x, inverse_y, inverse_spin = inverse
     for q in range(noted):
         one = blows[q]
-        i, j, nx, ny, a_i, a_j = one.i, one.j, one.nx, one.ny, one.a_i, one.a_j
+        i, j, nx, ny = one.i, one.j, one.nx, one.ny
         du = floes[j].u - floes[i].u
         du += half * (inverse_x[j] * force[j].x - inverse_x[i] * force[i].x)
         dv = floes[j].v - floes[i].v
         dv += half * (inverse_y[j] * force[j].y - inverse_y[i] * force[i].y)
         w_x, w_y = inverse_x[i] + inverse_x[j], inverse_y[i] + inverse_y[j]
-        opening, slip_rate = du * nx + dv * ny, du * ny - dv * nx
         w_n, w_t = w_x * nx * nx + w_y * ny * ny, w_x * ny * ny + w_y * nx * nx
-        for k, arm in ((i, a_i), (j, a_j)):
-            turn_rate, w = turning_ahead(inverse_spin, spinning, force, k, arm, half)
-            slip_rate += turn_rate
-            w_t += w
-        blow_n, _ = blow(law.dashpot, one.normal, one.opening, opening, w_n)
-        blow_t, rest = blow(law.dashpot, one.tangential, one.slip_rate, slip_rate, w_t)
-        not_taken += rest
+        blow_n, rest_n = blow(law.dashpot, one.normal, one.opening, du * nx + dv * ny, w_n)
+        blow_t, rest_t = take_slip(
+            slip, law, one, du * ny - dv * nx, w_t, inverse_spin, spinning, force, half
+        )
+        not_taken += rest_n + rest_t
         x, y = -blow_n * nx - blow_t * ny, -blow_n * ny + blow_t * nx
         strike(inverse, floes, i, x, y, constraint)
         strike(inverse, floes, j, -x, -y, constraint)
-        strike_spin(inverse_spin, spinning, i, blow_t * a_i, constraint)
-        strike_spin(inverse_spin, spinning, j, blow_t * a_j, constraint)
+        strike_spin(inverse_spin, spinning, i, blow_t * one.a_i, constraint)
+        strike_spin(inverse_spin, spinning, j, blow_t * one.a_j, constraint)
     # slip that a beam resists is a bond's
-    lost[2 if law.friction is None else 0] -= not_taken
+    lost[BONDS if law.friction is None else FRICTION] -= not_taken
 
 
 @strike_floes.register
-def _(law: None, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
+def _(law: None, slip, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
     pass
+
+
+@dispatched
+def take_slip(slip, law, one, slip_rate, w_t, inverse_spin, spinning, force, half):
+    """The blow along the contact, see `contact.blow`; none where nothing resists slip.
+
+    slip_rate : without the spins, after half a step [m/s]; w_t : without them, how easily a force along it moves both [1/kg]
+    """
+    for k, arm in ((one.i, one.a_i), (one.j, one.a_j)):
+        turn_rate, w = turning_ahead(inverse_spin, spinning, force, k, arm, half)
+        slip_rate += turn_rate
+        w_t += w
+    return blow(law.dashpot, one.tangential, one.slip_rate, slip_rate, w_t)
+
+
+@take_slip.register
+def _(slip: None, law, one, slip_rate, w_t, inverse_spin, spinning, force, half):
+    return 0.0, 0.0
 
 
 @dispatched

@@ -147,19 +147,3 @@ def centred_projection(lon: float | tuple[float, float], lat: float | tuple[floa
     width = (lon[-1] - lon[0]) % 360 or lon[-1] - lon[0]  # (170, -170) crosses the date line
     middle = (lon[0] + width / 2 + 180) % 360 - 180
     return f"+proj=laea +lat_0={lat.mean():.6g} +lon_0={middle:.6g} +datum=WGS84 +units=m +no_defs"
-
-
-def box_in_plane(
-    projection: str, lon: tuple[float, float], lat: tuple[float, float]
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The smallest rectangle x = (west, east), y = (south, north) [m] around a box of degrees."""
-    east = lon[0] + ((lon[1] - lon[0]) % 360 or 360)
-    side_lon = np.linspace(lon[0], east, 101)
-    side_lat = np.linspace(lat[0], lat[1], 101)
-    lons, lats = np.meshgrid(side_lon, side_lat)
-    x, y = to_plane(projection, lons, lats)
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise InputError(
-            f"box lon = {lon}, lat = {lat}: part of it has no place on the plane {projection!r}"
-        )
-    return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))

@@ -6,7 +6,9 @@ import operator
 from collections.abc import Iterable, Iterator
 from typing import Annotated, get_args, get_type_hints
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
+from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
 
@@ -40,6 +42,20 @@ def check(laws: Iterable[object]) -> None:
                 check([value])
             else:
                 _check_number(f"{type(law).__name__}.{name}", value, hints[name])
+
+
+def unmasked(values: ArrayLike) -> np.ndarray:
+    """Numbers as float64, NaN where a masked array, as netCDF4 gives, has none: what lies under a mask is no value."""
+    if isinstance(values, np.ma.MaskedArray):
+        return values.astype(np.float64).filled(np.nan)
+    return np.asarray(values, np.float64)
+
+
+def is_number(value: object) -> bool:
+    """Whether it is one finite real number, be it of numpy or another array library: no text, no flag, no row."""
+    array = np.asarray(value)
+    real = array.ndim == 0 and array.dtype.kind in "iuf" and value is not np.ma.masked
+    return real and bool(np.isfinite(array))
 
 
 def words(law: tuple) -> str:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from floebmi.errors import InputError
+from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
     from floebmi.advance import Counters
@@ -267,7 +268,7 @@ def duration_text(seconds: float) -> str:
 
 
 def _positive(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
+    if not (is_number(value) and value > 0):
         raise InputError(f"run: {name} = {value!r}: must be greater than 0 s")
     return float(value)
 

@@ -8,7 +8,6 @@ unit, its default and what it means.  Paths are relative to the scene file.
 """
 
 import contextlib
-import datetime
 import math
 import shutil
 from collections.abc import Iterator, Sequence
@@ -20,6 +19,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Edge, Inflow, Wall, check_domain
+from floebmi.clock import Calendar, date_of
 from floebmi.contact import (
     CompressiveFailure,
     Contact,
@@ -47,8 +47,7 @@ from floebmi.projection import check_projection
 from floebmi.quantities import NonNegative, Positive, PositiveFraction
 from floebmi.running import check_intervals
 from floebmi.scenes import packaged
-from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize
-from floebmi.sizes import from_file as sizes_from_file
+from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import (
     Table,
     apply_override,
@@ -401,6 +400,8 @@ class InflowTable(_Inflow):
 
 # ---- contact and forces -----------------------------------------------------------------------
 
+_FRICTIONS = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
+
 
 class Parts(Table):
     """A contact law in parts; a part that is left out is not modelled."""
@@ -410,10 +411,7 @@ class Parts(Table):
     friction: (
         one_of(
             "law",
-            {
-                "coulomb": table_of(Coulomb, "law", "coulomb"),
-                "damsgaard2018": table_of(Damsgaard2018Coulomb, "law", "damsgaard2018"),
-            },
+            {name: table_of(law, "law", name) for name, law in _FRICTIONS.items()},
             "coulomb",
         )
         | None
@@ -425,10 +423,9 @@ class Parts(Table):
     )
 
     def build(self) -> Contact:
-        laws = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
         friction = None
         if self.friction is not None:
-            friction = law_of(self.friction, laws[self.friction.law])
+            friction = law_of(self.friction, _FRICTIONS[self.friction.law])
         return Contact(self.elastic, friction, self.bonds, self.dashpot, self.failure)
 
 
@@ -563,18 +560,16 @@ class Time(Table):
         None,
         description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; needed by dated files",
     )
-    calendar: str = Field("standard", description="CF calendar of the dates")
+    calendar: Calendar | None = Field(
+        None,
+        description="CF calendar of the dates, which velocities from files must have, too; if left out: 'standard', "
+        "and each file's dates in its own",
+    )
 
     @model_validator(mode="after")
     def _start_is_a_date(self) -> Self:
-        if self.start is not None and self.calendar != "360_day":
-            try:
-                datetime.datetime.fromisoformat(self.start)
-            except ValueError:
-                raise InputError(
-                    f"start = {self.start!r}: not a date; give one such as '1979-01-16' or "
-                    "'1979-01-16 18:00'"
-                ) from None
+        if self.start is not None:
+            date_of(self.start, self.calendar or "standard")
         return self
 
 
@@ -941,6 +936,7 @@ class Scene(Table):
             position=table.position,
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
+            calendar=self.time.calendar,
         )
 
 
@@ -1023,18 +1019,21 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     text = read_text(path)
     tables = parse(text, str(path), yaml=_SUFFIXES[path.suffix])
     changes = tuple(parse_override(override) for override in overrides)
-    for name in ("floes", "inflow"):  # one table stands for a list of one
-        if isinstance(tables.get(name), dict):
-            tables[name] = [tables[name]]
+    _as_lists(tables)
     for change in changes:
-        apply_override(tables, change, {"contact": "model"})
-    for name in ("floes", "inflow"):  # an override may have made the table
-        if isinstance(tables.get(name), dict):
-            tables[name] = [tables[name]]
+        apply_override(tables, change, {"contact": ("model", _CONTACTS)})
+    _as_lists(tables)  # an override may have made the table
     read: Scene = validate(Scene, tables, str(path), changes)
     read._file = path
     read._text = text + "".join(f"\n# --set {change.text}" for change in changes)
     return read
+
+
+def _as_lists(tables: dict) -> None:
+    """One table of floes or inflow stands for a list of one."""
+    for name in ("floes", "inflow"):
+        if isinstance(tables.get(name), dict):
+            tables[name] = [tables[name]]
 
 
 def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:

@@ -13,7 +13,7 @@ import json
 import re
 import tomllib
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -43,6 +43,15 @@ class Override(NamedTuple):
     keys: tuple[str, ...]
     value: Any
     text: str
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The keys without the numbers of tables in lists."""
+        return tuple(part for part in self.keys if not part.isdecimal())
+
+    def meets(self, other: "Override") -> bool:
+        """Whether one of the two sets what the other sets, or a part of it."""
+        return all(one == two for one, two in zip(self.words, other.words, strict=False))
 
 
 # ---- declarations -----------------------------------------------------------------------------
@@ -318,12 +327,14 @@ def parse_override(text: str) -> Override:
     return Override(parts, value, text)
 
 
-def apply_override(tables: dict[str, Any], override: Override, words: dict[str, str]) -> None:
+def apply_override(
+    tables: dict[str, Any], override: Override, words: dict[str, tuple[str, Collection[str]]]
+) -> None:
     """Put the value of an override into the tables, in place.
 
     A part of the path may be the number of a table in a list of tables, counted from 1; where there is
     only one, the number may be left out.  `words` names the tables that may stand as a single word, with the
-    key at which that word stands when the table is written out.
+    key at which that word stands when the table is written out, and the words that stand for a table.
     """
     node: Any = tables
     for depth, part in enumerate(override.keys[:-1]):
@@ -338,8 +349,9 @@ def apply_override(tables: dict[str, Any], override: Override, words: dict[str, 
                     f"{place}.1.{'.'.join(override.keys[depth + 1 :])}=…"
                 )
             node = node[0]
-        if isinstance(node, str) and place in words:
-            node = tables[place] = {words[place]: node}
+        key, tabular = words.get(place, ("", ()))
+        if isinstance(node, str) and node in tabular:
+            node = tables[place] = {key: node}
         if not isinstance(node, (dict, list)):
             raise InputError(f"--set {override.text}: {place} is {node!r}, not a table of keys")
     last = override.keys[-1]
@@ -419,11 +431,15 @@ def _key_of_choice(declaration: Any, loc: tuple) -> str:
 
 
 def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | None:
-    """The override that put the value of a path there, or a value inside it."""
+    """The last override that put the value of a path there, or a value inside it."""
     words = tuple(part for part in path if not isinstance(part, int))
-    for override in overrides:
-        own = tuple(part for part in override.keys if not part.isdecimal())
-        if words and (words[: len(own)] == own or own[: len(words)] == words):
+    numbers = [part + 1 for part in path if isinstance(part, int)]
+    for override in reversed(overrides):
+        own = override.words
+        which = [int(part) for part in override.keys if part.isdecimal()]
+        within = words[: len(own)] == own and numbers[-len(which) or len(numbers) :] == which
+        around = len(own) > len(words) and own[: len(words)] == words
+        if words and (within or around):
             return override
     return None
 

@@ -27,11 +27,11 @@ from floebmi.pack import Packed
 from floebmi.pairs import narrow, settle
 
 
-def verlet(
+def verlet_in_threads(
     threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, way: float, dt: float, steps: int,
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
-    """`dynamics.verlet`, chunk by chunk; kernels release the GIL, so that threads of Python will do."""
+    """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so that threads of Python will do."""
     p, chunks = packed, lists.tiles.chunks
     threads = min(threads, len(chunks) - 1)
     seams, period = chunks[-1], (laws.period_x, laws.period_y)
@@ -66,7 +66,7 @@ def verlet(
                     break
             pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
             anew = is_stale(since, way, lists.skin)
-            fastest = max(move_walls(walls.walls, sum(kicks), dt), share(steps_of(True, not anew)))
+            fastest = max(move_walls(walls.walls, kicks, dt), share(steps_of(True, not anew)))
             way = dt * np.sqrt(fastest)
             if anew:
                 share(touch_anew)

@@ -36,10 +36,10 @@ def test_imports_go_one_way():
 @pytest.mark.parametrize(
     "below, above",
     [
-        ("contact", {"model", "scene", "bmi", "cli", "output", "plot", "run"}),
-        ("forces", {"model", "scene", "bmi", "cli", "output", "plot", "run"}),
-        ("dynamics", {"model", "scene", "bmi", "cli", "output", "plot", "run"}),
-        ("model", {"scene", "bmi", "cli", "plot", "run", "output"}),
+        ("contact", {"model", "scene", "bmi", "cli", "output", "plot", "running"}),
+        ("forces", {"model", "scene", "bmi", "cli", "output", "plot", "running"}),
+        ("dynamics", {"model", "scene", "bmi", "cli", "output", "plot", "running"}),
+        ("model", {"scene", "bmi", "cli", "plot", "running", "output"}),
         ("plot", {"model", "advance", "dynamics", "bmi"}),
     ],
 )

@@ -452,3 +452,15 @@ def test_the_metadata_make_a_scene_that_starts(tmp_path: Path) -> None:
     component = started(tmp_path / "scene.toml")
     component.update()
     assert component.get_current_time() == parameters["exchange"]["value"]["default"]
+
+
+def test_what_lies_under_a_mask_is_no_value(scene):
+    component = started(scene)
+    size = component.get_grid_size(0)
+    current = np.ma.masked_array(np.full(size, 0.1))
+    component.set_value(OCEAN[0], current)
+    current[2] = np.ma.masked
+    current.data[2] = 3.0
+    with pytest.raises(InputError, match="nan at index 2, a wet cell: must be finite"):
+        component.set_value(OCEAN[0], current)
+    assert (component.get_value_ptr(OCEAN[0]) == 0.1).all()

@@ -72,10 +72,11 @@ def pressed_row(mass, damping, step=Step()):
     return Model(box(), Floes(50.0, [10.0, 30.1], 10.0, 1.0), Contact(), walls=walls, step=step)
 
 
+@pytest.mark.parametrize("damping", [0.0, 1.0])
 @pytest.mark.parametrize("mass", [10.0, 1e5, 1e7])
-def test_the_load_of_a_wall_is_no_energy_of_the_ice(mass):
-    step = pressed_row(mass, 0.0).longest_step()
-    model = pressed_row(mass, 0.0, Step(length=step))
+def test_neither_the_load_of_a_wall_nor_its_damper_is_energy_of_the_ice(mass, damping):
+    step = pressed_row(mass, damping).longest_step()
+    model = pressed_row(mass, damping, Step(length=step))
     model.advance(500 * step)
     assert model.ledger.accounts["walls"][3] > 1.0
     assert_books_close(model, energy=1e-10)

@@ -109,6 +109,10 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["run", "two-floes", "--set", "tim.duration=1"], "did you mean 'time'?"),
         (["run", "two-floes", "--set", "output.gridded=true"], "[output] gridded = true: needs a [grid]"),
         (["run", "two-floes", "--restart", "no.nc"], "no.nc"),
+        (
+            ["run", "periodic-box", "--accuracy", "0.5", "--set", "contact.friction=0.4"],
+            "--accuracy 0.5 takes contact=none, which --set contact.friction=0.4 changes",
+        ),
         (["explain", "two-flos"], "did you mean 'two-floes'?"),
         (["scene", "two-flos"], "did you mean 'two-floes'?"),
         (["scene", "--to", "a.toml"], "say which scene"),
@@ -118,7 +122,7 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["export", "no.nc"], "no.nc"),
         (["plot", "."], "neither floes.nc nor gridded.nc"),
         (["run", "two-floes", "--to", "/proc/no"], "/proc/no"),
-        (["run", "two-floes", "--set", "time.start=soon"], "[time] start = 'soon': not a date; give"),
+        (["run", "two-floes", "--set", "time.start=soon"], "[time] start = 'soon': not a date of the calendar 'standard'; give"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line_with_exit_code_2_and_nothing_is_written(
@@ -191,6 +195,16 @@ def test_a_run_that_leaves_its_bounds_ends_with_3_and_says_where_its_state_is(cl
     assert (tmp_path / "two-floes" / "restart.nc").exists()
     with xr.open_dataset(tmp_path / "two-floes" / "floes.nc", decode_times=False) as data:
         assert data.sizes["time"] >= 1
+
+
+def test_more_cells_than_memory_holds_are_the_users(cli, monkeypatch):
+    def full(*args):
+        raise MemoryError("Unable to allocate 29.1 TiB")
+
+    monkeypatch.setattr("floebmi.scene.read_scene", full)
+    result = cli("explain", "two-floes")
+    assert result.exit_code == 2
+    assert "not enough memory: Unable to allocate 29.1 TiB; must be fewer cells" in result.stderr
 
 
 def test_an_error_of_the_program_is_one_line_as_well(cli, monkeypatch):

@@ -4,8 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from floebmi.coast import Coast, from_geojson, from_land_fraction, from_polygons, land_geometry
 from floebmi.errors import InputError

@@ -665,8 +665,29 @@ def test_a_noleap_calendar_has_no_29_february(tmp_path):
     assert source.span == (-43200.0, 43200.0)
     assert velocity(source, grid)[0][0] == pytest.approx(0.15)
     assert "2016-02-28 … 2016-03-01" in repr(source)
-    with pytest.raises(InputError, match="the file's calendar"):
+    with pytest.raises(InputError, match="time: start = .* not a date of the calendar 'noleap'"):
         VelocityFile(path, grid, start="2016-02-29")
+
+
+def test_a_run_that_names_its_calendar_takes_files_of_no_other(tmp_path):
+    data, grid = in_time(metres(0.1, 0.0), [0.0, 1.0]), square()
+    for own, other in (("noleap", "standard"), ("360_day", "noleap"), ("standard", "365_day")):
+        data["time"].attrs = {"units": "days since 2016-02-28", "calendar": own}
+        path = saved(data, tmp_path, f"{own}.nc")
+        wrong = f"{own}.nc: time: its dates are of the calendar '{own}', but calendar = '{other}'"
+        with pytest.raises(InputError, match=wrong):
+            VelocityFile(path, grid, calendar=other)
+        assert VelocityFile(path, grid, calendar=own).span == (0.0, 86400.0)
+        assert VelocityFile(path, grid).span == (0.0, 86400.0)
+    VelocityFile(path, grid, calendar="gregorian")  # another name of the standard one
+    VelocityFile(tmp_path / "noleap.nc", grid, calendar="365_day")
+
+
+def test_30_february_is_a_date_where_months_have_30_days(tmp_path):
+    data = in_time(metres(0.1, 0.0), [0.0, 4.0])
+    data["time"].attrs = {"units": "days since 2016-02-28", "calendar": "360_day"}
+    source = VelocityFile(saved(data, tmp_path), square(), start="2016-02-30")
+    assert source.span == (-172800.0, 172800.0)
 
 
 def test_times_may_be_durations_and_must_grow(tmp_path):

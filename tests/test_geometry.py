@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from floebmi.errors import InputError
 from floebmi.geometry import cut, disc_polygon, disc_rectangle, disc_west

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from exchange_grids import CELLS, GRIDS, SIDE, masked, random_floes
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from floebmi.errors import InputError
 from floebmi.geometry import disc_rectangle

@@ -423,8 +423,11 @@ def test_a_failed_step_is_one_line_leaves_all_as_it_was_and_saves_the_state(tmp_
     for spoil, mend, dt, text in (
         (nan, mended, 60.0, f"{U}: nan at node 33 at t = 60 s: must be finite"),
         (closed, opened, 60.0, "boundary status of the grid are not what they were"),
-        (lambda: None, lambda: None, -60.0, "dt = -60.0 s: must be at least 0"),
-        (lambda: None, lambda: None, np.nan, "dt = nan s: must be at least 0"),
+        (lambda: None, lambda: None, -60.0, "dt = -60.0: must be a number of seconds"),
+        (lambda: None, lambda: None, np.nan, "dt = nan: must be a number of seconds"),
+        (lambda: None, lambda: None, "60", "dt = '60': must be a number of seconds"),
+        (lambda: None, lambda: None, None, "dt = None: must be a number of seconds"),
+        (lambda: None, lambda: None, np.ones(2), "dt = array.*: must be a number of seconds"),
         (dies, revived, 60.0, "node lost; floes at 60 s"),  # when the ice has moved
     ):
         spoil()

@@ -1,4 +1,4 @@
-"""The cost of a step in instructions, which unlike its time are the same whenever they are counted."""
+"""The cost of a step in instructions, which unlike its time are the same whenever they are counted; and its form."""
 
 import json
 import shutil
@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numba
 import pytest
+from numpy.testing import assert_allclose
 
+from benchmarks.bare import ready
 from benchmarks.limit import LAWS, instructions
 
 STORED = json.loads((Path(__file__).parent / "data" / "instructions.json").read_text())
@@ -25,3 +27,16 @@ def test_a_floe_step_takes_no_more_instructions_than_when_it_was_last_counted(la
             "again with `python -m benchmarks.limit --instructions`"
         )
     assert instructions(law) <= 1.02 * STORED[law]
+
+
+def test_cohesive_steps_are_those_written_out_by_hand():
+    pack = ready(400, speed=2.0)  # bonds form and break
+    lost = pack.package(200)
+    floes = pack.floes.copy()
+    pack.again()
+    assert lost > 0
+    assert_allclose(pack.hand(200), lost, rtol=1e-12)
+    for name in "xyuv":
+        assert_allclose(pack.floes[name], floes[name], rtol=0, atol=1e-10)
+    pack.again()
+    assert abs(pack.hand(200, strength=0.99) - lost) > 1e-3 * lost

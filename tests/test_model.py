@@ -24,6 +24,7 @@ from floebmi.grid import Grid
 from floebmi.kernels import FASTMATH
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
+from floebmi.pack import pack
 from floebmi.sizes import PowerLaw
 
 DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
@@ -71,8 +72,8 @@ def push_code(*forces):
         )
         for force in forces
     )
-    one, none, buffer = np.ones(1), np.zeros(0, np.int64), np.zeros(FORCE_BUFFER)
-    arguments = forces, at, 0, 1, one, None, one, one, None, none, 1.0, np.zeros(3), buffer
+    one = pack(f, np.arange(len(f)), f.x, f.y, 934.0, None, (0.0, 0.0))
+    arguments = forces, at, one, 0, 1, 1.0, np.zeros(3), np.zeros(FORCE_BUFFER)
     return machine_code(dynamics.push, *arguments)
 
 
@@ -131,10 +132,79 @@ def test_floes_that_lie_over_each_other_are_refused_with_the_worst_pairs():
     assert [pair[:2] for pair in overlapping(floes, DOMAIN)] == [(0, 1)]
 
 
-@pytest.mark.parametrize("duration", [-1.0, np.nan, np.inf])
+def two_apart(u=0.0):
+    return Model(DOMAIN, Floes([0.0, 50.0], 0.0, 10.0, 1.0, u=[u, 0.0]), contact=Contact())
+
+
+def test_a_floe_that_an_edit_puts_onto_another_is_refused_with_both_and_moved_away_again_it_goes_on():
+    model = two_apart()
+    model.advance(1.0)
+    model.floes.x[1] = 5.0
+    for _ in range(2):
+        with pytest.raises(InputError, match="after an edit .* floes 0 and 1 by 15 m; move them"):
+            model.advance(1.0)
+    model.floes.x[1] = 19.5  # as much as a start may
+    model.advance(1.0)
+    model.floes.radius[0] = 20.0
+    with pytest.raises(InputError, match="floes 0 and 1 by"):
+        model.advance(1.0)
+    model.floes.radius[0] = 10.0
+    number = model.floes.add(model.floes.x[0], 0.0, 3.0, 1.0)
+    with pytest.raises(InputError, match="floes 0 and 2 by 13 m"):
+        model.advance(1.0)
+    model.floes.active[number] = False
+    model.advance(1.0)
+
+
+def test_floes_that_a_blow_has_pressed_together_may_be_edited_and_restarted():
+    model = two_apart(u=40.0)
+    model.advance(0.9)
+    assert overlapping(model.floes, DOMAIN, 0.2)
+    state = model.state()
+    model.floes.x += 1e-3
+    model.floes.radius *= 1.001
+    model.advance(0.01)
+    model.restore(state)
+    model.advance(0.01)
+
+
+def test_a_restart_with_a_floe_on_another_is_refused_with_both():
+    model = two_apart()
+    state = model.state()
+    state["floes_x"] = np.array([0.0, 5.0])
+    model.restore(state)
+    with pytest.raises(InputError, match="after a restart .* floes 0 and 1 by 15 m"):
+        model.advance(1.0)
+
+
+@pytest.mark.parametrize(
+    "duration", [-1.0, np.nan, np.inf, "10", None, [10.0], np.ones(2), True, 1j], ids=repr
+)
 def test_a_duration_that_cannot_be_is_refused(duration):
     with pytest.raises(InputError, match="duration"):
         pair().advance(duration)
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"floes": DOMAIN}, "floes = .*: must be of the kind Floes"),
+        ({"domain": ((0, 1), (0, 1))}, "domain = .*: must be a Domain"),
+        ({"domain": Domain(100.0, (0, 1))}, "domain.x = 100.0: must be two numbers"),
+        ({"domain": Domain((0, "1"), (0, 1))}, "domain.x = .*: must be two numbers"),
+        ({"grid": (10, 10)}, "grid = .*: must be a Grid"),
+        ({"walls": Wall("west")}, "walls = .*: must be a list of Wall"),
+        ({"inflow": [Wall("west")]}, "inflow = .*: must be a list of Inflow"),
+        ({"inflow": Inflow("west", PowerLaw(1, 2), velocity=0.5)}, "inflow.velocity = 0.5: must be two"),
+        ({"step": 0.3}, "step = 0.3: must be of the kind Step"),
+        ({"seed": -1}, "seed = -1: must be a whole number"),
+        ({"ice_density": "934"}, "ice_density = '934': must be greater than 0"),
+    ],
+)  # fmt: skip
+def test_a_part_of_another_kind_is_refused_by_its_name(part, said):
+    parts = {"domain": DOMAIN, "floes": Floes(0.0, 0.0, 10.0, 1.0), "contact": Contact()} | part
+    with pytest.raises(InputError, match=said):
+        Model(**parts)
 
 
 def test_no_time_changes_nothing_and_any_time_is_met_exactly():

@@ -5,8 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import floebmi.packing
 from floebmi.boundaries import Domain

@@ -50,6 +50,7 @@ SHORTER = {
     "floebmi experiment shear": "--seeds 1 --jobs 1 --floes 70 --height 150 --radius-max 8 --held 16"
     " --settling 40 --consolidation 30 --duration 20",
     "floebmi experiment strait": "--seeds 1 --jobs 1 --funnel 6e3 --channel 1e3 --hours 1",
+    "python -m benchmarks.bare": "--floes 300 --repeats 1 --steps 20",
     "python -m benchmarks.cohesive": "--floes 300 --repeats 1",
     "python -m benchmarks.dense": "--floes 300 --repeats 1",
     "python -m benchmarks.engines": "--sizes 100 --ratios 2 --packs loose --repeats 1 --steps 20",

@@ -13,8 +13,7 @@ from matplotlib.text import Text
 from netCDF4 import Dataset
 from small_run import DOMAIN, GRIDS, LAND, small_model, small_run
 
-from floebmi import Domain, Floes, InputError, Model, Wall, frictional
-from floebmi import plot as draw
+from floebmi import Domain, Floes, InputError, Model, Wall, frictional, plot as draw
 from floebmi.floes import COAST
 from floebmi.output import TrajectoryWriter
 from floebmi.running import run as run_model

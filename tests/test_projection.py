@@ -7,7 +7,6 @@ import floebmi.projection
 from floebmi.errors import InputError
 from floebmi.projection import (
     axes_in_plane,
-    box_in_plane,
     centred_projection,
     check_projection,
     distance,
@@ -80,10 +79,11 @@ def test_the_centred_plane_keeps_areas():
 
 
 def test_a_box_across_the_date_line_is_centred_on_it():
-    assert "+lon_0=-180 " in centred_projection((170, -170), (70, 80))
-    x, y = box_in_plane(centred_projection((170, -170), (70, 80)), (170, -170), (70, 80))
+    projection = centred_projection((170, -170), (70, 80))
+    assert "+lon_0=-180 " in projection
+    x, y = to_plane(projection, [170, -170, 180, 180], [70, 70, 70, 80])
     assert x[0] == pytest.approx(-x[1]) and 3e5 < x[1] < 4e5
-    assert y[0] < 0 < y[1]
+    assert y[2] < 0 < y[3]
 
 
 def test_distance_is_that_on_the_great_circle():

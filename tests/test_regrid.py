@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.spatial import Delaunay
 
 from coupling.regrid import EARTH_RADIUS, Regrid, checksum, project, sphere_area
@@ -437,3 +436,11 @@ def test_what_cannot_be_used_is_refused_in_one_line():
         with pytest.raises(InputError, match=text) as caught:
             call()
         assert "\n" not in str(caught.value)
+
+
+def test_what_lies_under_a_mask_is_no_value():
+    grid, dry = Grid.uniform((0, 2), (0, 1), 1), Grid.uniform((0, 2), (0, 1), 1, wet=[True, False])
+    values = np.ma.masked_array([1.0, 1e20], [False, True])
+    with pytest.raises(InputError, match="nan on wet cell 1 of the source"):
+        Regrid(grid, grid).state(values)
+    assert Regrid(dry, grid).state(values).tolist() == [1.0, 0.0]

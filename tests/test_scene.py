@@ -75,6 +75,7 @@ def refused(path, *overrides):
         ("time.duration=3 days", "must be a number"),
         ("time.duration=inf", "must be a finite number"),
         ("time.duration=0", "must be greater than 0"),
+        ("time.calendar=noleep", "did you mean 'noleap'?"),
         ("seed=1.5", "must be a whole number"),
         ("title=3", "must be text in quotes"),
         ("ocean.drag=damsgard2018", "did you mean 'damsgaard2018'?"),
@@ -93,6 +94,20 @@ def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right
     text = refused(two, override)
     assert text.startswith(f"--set {override}: ")
     assert said in text
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (("contact=none", "contact.friction=1"), "contact.friction=1: contact is 'none', not a table"),
+        (("contact=frictional", "contact.strength=1"), "contact.strength=1: unknown key"),
+        (("seed=1", "seed=-1"), "seed=-1: must be"),
+        (("floes.each.1.radius=-1", "floes.each.2.radius=3"), "floes.each.1.radius=-1: must be"),
+        (("floes.each.1.radius=3", "floes.1.each.2.radius=-3"), "floes.1.each.2.radius=-3: must be"),
+    ],
+)  # fmt: skip
+def test_of_several_overrides_the_one_that_is_wrong_is_named(two, overrides, said):
+    assert refused(two, *overrides).startswith(f"--set {said}")
 
 
 @pytest.mark.parametrize("override", ["a", "=3", "a..b=3", "time.duration=[1", 'title="x'])
@@ -115,6 +130,7 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ),
         ("[coast]\nradius = 3", "[coast] give either file or geojson"),
         ("[time]\nduration = nan", "[time] duration = NaN: must be a finite number"),
+        ("[time]\nstart = '20160228'", "[time] start = '20160228': not a date of the calendar 'standard'"),
         ("[[walls]]\nposition = 3", "[walls] edge is missing"),
         ("x = ", "not valid TOML: Invalid value (at line 4, column 5)"),
         ("[time]\n[time]", "not valid TOML: Cannot declare"),

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from exchange_grids import CELLS, GRIDS, SIDE
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from coupling.regrid import Regrid, project, sphere_area
 from coupling.vectors import Staggered, axis_angle, turn

@@ -1,0 +1,161 @@
+"""The paper's schemes, "taylor2" and "taylor3": forces at the old place and velocity, then one Taylor step.
+
+They are there to compare with; `dynamics.verlet` is the default scheme.
+"""
+
+import numpy as np
+
+from floebmi.dynamics import (
+    drift_walls,
+    forget,
+    hold_back,
+    hold_spin,
+    is_stale,
+    kick_walls,
+    read_spin,
+    touch,
+)
+from floebmi.forces import (
+    D_OMEGA,
+    D_U,
+    IMPULSE,
+    OMEGA,
+    TWIST,
+    U,
+    V,
+    book,
+    book_spin,
+    total,
+    total_spin,
+)
+from floebmi.kernels import BLOCK, dispatched, in_place, inner
+from floebmi.pairs import narrow, settle
+
+
+@in_place
+def taylor(
+    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, reach,
+    buffers,
+):  # fmt: skip
+    """The paper's schemes: forces at the old place and velocity, then one Taylor step.
+
+    x += u Δt + ½ a Δt² (+ ⅙ (a − a_old) Δt²),  u += a Δt (+ ½ (a − a_old) Δt)   (eq. taylor)
+
+    a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.  What a floe
+    gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
+    """
+    p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
+    start, constraint = parts - parts, books.held[parts - 1]
+    ahead = 0.5 if third_order else 0.0
+    pair_buffer, buffer = buffers
+    done, way, since = 0, 0.0, np.inf
+    while done < steps and travelled < reach:
+        forget(p.spinning, p.force)
+        if is_stale(since, way, lists.skin):
+            narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,
+                   lists.skin + 2.0 * way)  # fmt: skip
+            since = 0.0
+        for tile in range(parts):
+            touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer, lists.blows[0])
+        for q in range(p.held.size):
+            hold_taylor(p, p.held[q], ahead, dt, constraint)
+        for tile in range(tiles.coast.size):
+            for k in range(tiles.coast[tile], tiles.bounds[tile + 1]):
+                hold_taylor(p, k, ahead, dt, constraint)
+        fastest = 0.0
+        for first in range(0, p.floes.size, BLOCK):
+            n = min(BLOCK, p.floes.size - first)
+            for k in range(n):
+                buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
+            read_spin(p.spinning, p.inverse_spin, p.force, first, n, 0.0, buffer)
+            buffer[D_U : D_OMEGA + BLOCK] = 0.0
+            for k in range(n):
+                buffer[IMPULSE + k] = p.mass[first + k] * dt
+            book(forces, at, first // BLOCK, n, buffer)
+            twist(p.spinning, forces, at, first, n, p, dt, constraint, buffer)
+            for k in range(n):
+                floe, contact = p.floes[first + k], p.force[first + k]
+                inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
+                previous = p.previous[first + k]
+                ax, ay = inverse_x * contact.x, inverse_y * contact.y
+                a = total(forces, at, first // BLOCK, k, buffer[U + k], buffer[V + k])
+                hold_back(p, first + k, a, 0.0, 0.0, dt, floe.u, floe.v, constraint)
+                ox, oy = a.x if inverse_x > 0.0 else 0.0, a.y if inverse_y > 0.0 else 0.0
+                jerk_x = inverse_x * (contact.x - previous[0]) if third_order else 0.0
+                jerk_y = inverse_y * (contact.y - previous[1]) if third_order else 0.0
+                floe.x += (floe.u + (0.5 * (ax + ox) + jerk_x / 6.0) * dt) * dt
+                floe.y += (floe.v + (0.5 * (ay + oy) + jerk_y / 6.0) * dt) * dt
+                floe.u += (ax + ox + ahead * jerk_x) * dt
+                floe.v += (ay + oy + ahead * jerk_y) * dt
+                previous[0], previous[1] = contact.x, contact.y
+                fastest = max(fastest, floe.u**2 + floe.v**2)
+            taylor_spin(p.spinning, third_order, forces, at, p, first, n, dt, buffer)
+        kick_walls(walls.walls, dt, 0.0, ahead)
+        way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
+        travelled, since = travelled + way, since + way
+        done += 1
+    settle(near, start, parts)
+    return done
+
+
+@inner
+def hold_taylor(p, k, ahead, dt, constraint):
+    """What holds an axis takes up the contact forces along it, and their change as free floes do."""
+    floe, contact, previous = p.floes[k], p.force[k], p.previous[k]
+    if p.inverse_x[k] == 0.0:
+        impulse = dt * (contact.x + ahead * (contact.x - previous[0]))
+        constraint[0] -= impulse
+        constraint[2] -= impulse * floe.u
+    if p.inverse_y[k] == 0.0:
+        impulse = dt * (contact.y + ahead * (contact.y - previous[1]))
+        constraint[1] -= impulse
+        constraint[2] -= impulse * floe.v
+    hold_taylor_spin(p.spinning, p, k, ahead, dt, constraint)
+
+
+@dispatched
+def hold_taylor_spin(spinning, p, k, ahead, dt, constraint):
+    if p.inverse_spin[k] == 0.0:
+        torque = p.force[k].torque
+        torque += ahead * (torque - p.previous[k, 2])
+        constraint[2] -= dt * torque * spinning[k].omega
+
+
+@hold_taylor_spin.register
+def _(spinning: None, p, k, ahead, dt, constraint):
+    pass
+
+
+@dispatched
+def twist(spinning, forces, at, first, n, p, dt, constraint, buffer):
+    """Torques of the fluids at the old spin, and their work."""
+    for k in range(n):
+        buffer[TWIST + k] = p.inertia[first + k] * dt
+    book_spin(forces, at, first // BLOCK, n, buffer)
+    if p.held.size > 0:
+        hold_spin(forces, at, p, first, n, dt, constraint, buffer)
+
+
+@twist.register
+def _(spinning: None, forces, at, first, n, p, dt, constraint, buffer):
+    pass
+
+
+@dispatched
+def taylor_spin(spinning, third_order, forces, at, p, first, n, dt, buffer):
+    for k in range(n):
+        floe = first + k
+        alpha, _ = total_spin(forces, at, first // BLOCK, k, buffer[OMEGA + k])
+        other = alpha if p.inverse_spin[floe] > 0.0 else 0.0
+        inverse, torque = p.inverse_spin[floe], p.force[floe].torque
+        alpha = inverse * torque
+        jerk = inverse * (torque - p.previous[floe, 2]) if third_order else 0.0
+        omega = spinning[floe].omega
+        p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
+        spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
+        p.previous[floe, 2] = torque
+
+
+@taylor_spin.register
+def _(spinning: None, third_order, forces, at, p, first, n, dt, buffer):
+    pass
