@@ -41,7 +41,8 @@ def test_lists_that_are_never_renewed_miss_the_mark_of_stale_neighbours(monkeypa
 
 
 def test_floes_that_pass_through_each_other_miss_the_mark_of_fast_collisions(monkeypatch):
-    monkeypatch.setattr(Advance, "_check", lambda *of: None)  # of ways and overlaps
+    for check in ("_check", "_check_pace"):  # of ways and overlaps
+        monkeypatch.setattr(Advance, check, lambda *of: None)
     monkeypatch.setattr("floebmi.model.RESIDUAL_ALLOWED", np.inf)
     assert missed(CASES["fast-collisions"].run())
 
