@@ -266,6 +266,5 @@ def test_a_calibration_does_not_run_beyond_the_end_of_its_scene(tmp_path, monkey
     path = scene_file(tmp_path, QUIET)
     for duration in (60.0, None):
         built = read_scene(path).build()
-        cost = calibration.measure(built, duration)
+        calibration.measure(built, duration)
         assert (built.model.time <= 60.0) == (duration is not None)
-        assert cost.floe_step > 0
