@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # Floe-steps per second of packaged scenes, exchanges and output included, on one core like those of
 # docs/benchmarks.md; until it is measured here
-SPEED = {"free drift": 60e6, "cohesive": 30e6, "frictional": 20e6}
+SPEED = {"free drift": 60e6, "cohesive": 45e6, "frictional": 40e6}
 DRAG_SLOWS = 0.7  # with drag of ocean and air
 USUAL_DRAG = (1e-3, 1e-2)  # bulk coefficients that observations give [1]
 
