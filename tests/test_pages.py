@@ -45,7 +45,7 @@ SHORTER = {
     "floebmi run labrador-sea": "--duration 7200",
     "floebmi run strait ": "--duration 600",
     "floebmi tradeoff": "--seeds 1 --jobs 1 --budget 0.5",
-    "floebmi tradeoff benchmarks/wide.toml": "--set floes.concentration=0.1 --duration 120",
+    "floebmi tradeoff benchmarks/wide.toml": "--set floes.concentration=0.1 --set output.every=120 --duration 120",
     "floebmi validate": "area-budget",
     "floebmi experiment shear": "--seeds 1 --jobs 1 --floes 70 --height 150 --radius-max 8 --held 16"
     " --settling 40 --consolidation 30 --duration 20",
