@@ -270,7 +270,7 @@ def touch_floes(
             bond_loss += f.bond_loss
             failure_loss += f.failure_loss
             broken += 1.0 if was_bonded > 0.0 and f.bonded <= 0.0 else 0.0
-            struck += keep_force(slip, f, nx, ny, a_i, a_j, k, buffer)
+            struck += keep_force(slip, spinning, f, nx, ny, a_i, a_j, k, buffer)
         for k in range(n, n + (-n) % LANES):
             buffer[FX + k] = buffer[FY + k] = buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
         for k in range(0, n, LANES):
@@ -297,7 +297,7 @@ def _(
 
 
 @dispatched
-def keep_force(slip, f, nx, ny, a_i, a_j, k, buffer):
+def keep_force(slip, spinning, f, nx, ny, a_i, a_j, k, buffer):
     """Write the force on i, the torques and the blow of a pair into their columns; returns the size of the blow."""
     buffer[FX + k] = -f.f_n * nx - f.f_t * ny
     buffer[FY + k] = -f.f_n * ny + f.f_t * nx
@@ -308,9 +308,21 @@ def keep_force(slip, f, nx, ny, a_i, a_j, k, buffer):
 
 
 @keep_force.register
-def _(slip: None, f, nx, ny, a_i, a_j, k, buffer):
+def _(slip: None, spinning, f, nx, ny, a_i, a_j, k, buffer):
     buffer[FX + k], buffer[FY + k], buffer[BLOW_N + k] = -f.f_n * nx, -f.f_n * ny, f.blow_n
+    keep_no_torque(spinning, k, buffer)
     return abs(f.blow_n)
+
+
+@dispatched
+def keep_no_torque(spinning, k, buffer):
+    """Floes turn, but what touches them is smooth."""
+    buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
+
+
+@keep_no_torque.register
+def _(spinning: None, k, buffer):
+    pass
 
 
 @dispatched
