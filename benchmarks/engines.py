@@ -45,6 +45,7 @@ INSTALL = {
 }
 PACKS = {"loose": 0.85, "jammed": 0.835}  # packing at which the discs are scattered
 WARM = 100
+FRACTION = 0.3  # of the stability limit
 SAME = 0.05  # largest difference of kinetic energy and of contacts, relative to floebmi's
 LARGEST_FOR_YADE = 100_000  # it needs minutes to set up more
 # Skin in smallest radii and style of the neighbour list by size ratio: the fastest that --tune found.
@@ -122,7 +123,8 @@ def pack(root: Path, n: int, ratio: float, kind: str, steps: int | None) -> Scen
         side = press * wide
         floes.x[:], floes.y[:] = press * floes.x, press * floes.y
         floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0, 0.5, (2, len(floes)))
-        dt = fb.Model(periodic(side), floes.copy(), fb.frictional()).longest_step()
+        step = fb.Step(fraction=FRACTION)
+        dt = fb.Model(periodic(side), floes.copy(), fb.frictional(), step=step).longest_step()
         write(floes, side, folder)
         (folder / "scene.json").write_text(json.dumps({"floes": len(floes), "dt": float(dt)}))
     known = json.loads((folder / "scene.json").read_text())

@@ -402,7 +402,7 @@ class Advance:
         """The tables of the forces follow the floes into another order; those who have left come last."""
         place = np.full(len(self.floes), -1)
         place[self.order] = np.arange(len(self.order))
-        left = np.setdiff1d(self.order, self.packed.number)
+        left = np.flatnonzero(self._among(self.order) & ~self._among(self.packed.number))
         self.order = np.concatenate([self.packed.number, left])
         self.at = tuple(in_order(at, place[self.order]) for at in self.at)
 
