@@ -129,7 +129,7 @@ def pack(root: Path, n: int, ratio: float, kind: str, steps: int | None) -> Scen
         (folder / "scene.json").write_text(json.dumps({"floes": len(floes), "dt": float(dt)}))
     known = json.loads((folder / "scene.json").read_text())
     name = ", ".join([f"{n:,}".replace(",", " "), f"1:{ratio:g}", kind])
-    steps = steps or min(2_000, max(60, 10_000_000 // n))
+    steps = steps or min(2_000, max(200, 50_000_000 // n))  # several lists of neighbours
     return Scene(name, folder, known["floes"], ratio, known["dt"], min(WARM, steps), steps)
 
 
