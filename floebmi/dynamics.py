@@ -20,17 +20,14 @@ import numpy as np
 
 from floebmi.contact import Contact, Coulomb, blow, pair_force
 from floebmi.forces import (
-    D_OMEGA,
-    D_U,
-    D_V,
-    IMPULSE,
     OMEGA,
-    TWIST,
     Push,
     U,
     V,
+    accelerations,
     book,
     book_spin,
+    torques,
     total,
     total_spin,
 )  # fmt: skip
@@ -329,19 +326,26 @@ def _(walls: None, dt):
 @inner
 def push(forces, at, p, first, n, h, constraint, buffer):
     """The other forces on a block of floes for a time h; a held axis keeps its velocity."""
+    if p.held.size > 0:
+        push_floes(forces, at, p, first, n, h, True, constraint, buffer)
+    else:  # compiled apart: what is asked for in no floe takes no time
+        push_floes(forces, at, p, first, n, h, False, constraint, buffer)
+
+
+@inner
+def push_floes(forces, at, p, first, n, h, held, constraint, buffer):
+    """held : whether an axis may be"""
     block = first // BLOCK
     for k in range(n):
-        a = total(forces, at, block, k, buffer[U + k], buffer[V + k])
-        buffer[D_U + k], buffer[D_V + k] = implicit(a, h)
-    if p.held.size > 0:
-        hold_push(forces, at, p, first, n, h, constraint, buffer)
-    for k in range(n):
-        buffer[IMPULSE + k] = p.mass[np.uintp(first + k)] * h
-    book(forces, at, block, n, buffer)
-    push_spin(p.spinning, forces, at, p, first, n, h, constraint, buffer)
-    for k in range(n):
-        buffer[U + k] += buffer[D_U + k]
-        buffer[V + k] += buffer[D_V + k]
+        u, v = buffer[U + k], buffer[V + k]
+        each = accelerations(forces, at, block, k, u, v)
+        a = total(each)
+        du, dv = implicit(a, h)
+        if held:
+            du, dv = hold_push(p, first + k, a, du, dv, h, u, v, constraint)
+        book(each, at, block, k, u, v, du, dv, p.mass[np.uintp(first + k)] * h)
+        buffer[U + k], buffer[V + k] = u + du, v + dv
+    push_spin(p.spinning, forces, at, p, first, n, h, held, constraint, buffer)
 
 
 @inner
@@ -354,37 +358,36 @@ def implicit(a, h):
 
 
 @dispatched
-def push_spin(spinning, forces, at, p, first, n, h, constraint, buffer):
+def push_spin(spinning, forces, at, p, first, n, h, held, constraint, buffer):
     block = first // BLOCK
     for k in range(n):
-        alpha, slope = total_spin(forces, at, block, k, buffer[OMEGA + k])
-        buffer[D_OMEGA + k] = h * alpha / (1.0 - 0.5 * h * slope)
-    if p.held.size > 0:
-        hold_spin(forces, at, p, first, n, h, constraint, buffer)
-    for k in range(n):
-        buffer[TWIST + k] = p.inertia[np.uintp(first + k)] * h
-    book_spin(forces, at, block, n, buffer)
-    for k in range(n):
-        buffer[OMEGA + k] += buffer[D_OMEGA + k]
+        omega, inertia = buffer[OMEGA + k], p.inertia[np.uintp(first + k)] * h
+        each = torques(forces, at, block, k, omega)
+        alpha, slope = total_spin(each)
+        change = h * alpha / (1.0 - 0.5 * h * slope)
+        if held and p.inverse_spin[first + k] == 0.0:  # what holds it takes up the torque
+            constraint[2] -= inertia * alpha * omega
+            change = 0.0
+        book_spin(each, at, block, k, omega, change, inertia)
+        buffer[OMEGA + k] = omega + change
 
 
 @push_spin.register
-def _(spinning: None, forces, at, p, first, n, h, constraint, buffer):
+def _(spinning: None, forces, at, p, first, n, h, held, constraint, buffer):
     pass
 
 
 @inner
-def hold_push(forces, at, p, first, n, h, constraint, buffer):
-    """Floes with a held axis: it keeps its velocity, and what holds it takes up the forces along it."""
-    for k in range(n):
-        free_x, free_y = p.inverse_x[first + k] > 0.0, p.inverse_y[first + k] > 0.0
-        if not (free_x and free_y):
-            a = total(forces, at, first // BLOCK, k, buffer[U + k], buffer[V + k])
-            ax, xx, xy = (a.x, a.xx, a.xy) if free_x else (0.0, 0.0, 0.0)
-            ay, yx, yy = (a.y, a.yx, a.yy) if free_y else (0.0, 0.0, 0.0)
-            du, dv = implicit(Push(ax, ay, xx, xy, yx, yy), h)
-            buffer[D_U + k], buffer[D_V + k] = du, dv
-            hold_back(p, first + k, a, du, dv, h, buffer[U + k], buffer[V + k], constraint)
+def hold_push(p, k, a, du, dv, h, u, v, constraint):
+    """What a floe's velocity changes by if an axis is held, which keeps its velocity; else du, dv."""
+    free_x, free_y = p.inverse_x[k] > 0.0, p.inverse_y[k] > 0.0
+    if free_x and free_y:
+        return du, dv
+    ax, xx, xy = (a.x, a.xx, a.xy) if free_x else (0.0, 0.0, 0.0)
+    ay, yx, yy = (a.y, a.yx, a.yy) if free_y else (0.0, 0.0, 0.0)
+    du, dv = implicit(Push(ax, ay, xx, xy, yx, yy), h)
+    hold_back(p, k, a, du, dv, h, u, v, constraint)
+    return du, dv
 
 
 @inner
@@ -398,17 +401,6 @@ def hold_back(p, k, a, du, dv, h, u, v, constraint):
         impulse = p.mass[k] * h * (a.y + 0.5 * (a.yx * du + a.yy * dv))
         constraint[1] -= impulse
         constraint[2] -= impulse * v
-
-
-@inner
-def hold_spin(forces, at, p, first, n, h, constraint, buffer):
-    """Floes with a held spin keep it, and what holds them takes up the torque."""
-    for k in range(n):
-        if p.inverse_spin[first + k] == 0.0:
-            omega = buffer[OMEGA + k]
-            alpha, _ = total_spin(forces, at, first // BLOCK, k, omega)
-            constraint[2] -= p.inertia[first + k] * h * alpha * omega
-            buffer[D_OMEGA + k] = 0.0
 
 
 @dispatched

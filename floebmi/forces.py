@@ -11,7 +11,7 @@ exactly in equilibrium.  The impulse of each force in that step, m Δt (a + ½ J
 floe: it is what the ocean and the air get back.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -342,10 +342,8 @@ def _add_fastest_drag(at, speed, spin, rate):
 
 # ---- the sum over the forces that a scene lists: unrolled by the compiler, nothing for none ---------
 
-# Rows of the buffer of a block of floes.  Results lie below what they are computed from: only so can the
-# compiler see that no later floe reads what an earlier one wrote.
-D_U, D_V, D_OMEGA, IMPULSE, TWIST, U, V, OMEGA = (row * BLOCK for row in range(8))
-FORCE_BUFFER = 8 * BLOCK
+U, V, OMEGA = (row * BLOCK for row in range(3))  # rows of the buffer of a block of floes
+FORCE_BUFFER = 3 * BLOCK
 
 
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
@@ -406,85 +404,121 @@ def given(at):
     return x, y, work
 
 
-def for_each(body: Callable) -> Callable:
-    """A function that does `body(force, at, n, buffer)` for each force of a scene, on the n floes of a block."""
-
-    def each(forces, at, block, n, buffer):
-        for force, table in zip(forces, at, strict=True):
-            body(force, table[block], n, buffer)
-
-    @overload(each, jit_options=IN_PLACE)
-    def _each(forces, at, block, n, buffer):
-        if len(forces) == 0:
-            return lambda forces, at, block, n, buffer: None
-
-        def unrolled(forces, at, block, n, buffer):
-            body(forces[0], at[0][block], n, buffer)
-            each(forces[1:], at[1:], block, n, buffer)
-
-        return unrolled
-
-    return each
+def accelerations(forces, at, block, k, u, v):
+    """a and J of each force, of floe k of a block."""
+    return tuple(
+        acceleration(f, table[block], k, u, v) for f, table in zip(forces, at, strict=True)
+    )
 
 
-def total(forces, at, block, k, u, v):
-    """The sum of a and of J over the forces, of floe k of a block."""
-    a = [acceleration(f, table[block], k, u, v) for f, table in zip(forces, at, strict=True)]
+@overload(accelerations, jit_options=IN_PLACE)
+def _accelerations(forces, at, block, k, u, v):
+    if len(forces) == 0:
+        return lambda forces, at, block, k, u, v: ()
+    return lambda forces, at, block, k, u, v: (
+        acceleration(forces[0], at[0][block], k, u, v),
+        *accelerations(forces[1:], at[1:], block, k, u, v),
+    )
+
+
+def total(a):
+    """The sum of a and of J over the forces."""
     return Push(*map(sum, zip(NONE, *a, strict=True)))
 
 
 @overload(total, jit_options=IN_PLACE)
-def _total(forces, at, block, k, u, v):
-    if len(forces) == 0:
-        return lambda forces, at, block, k, u, v: NONE
+def _total(a):
+    if len(a) == 0:
+        return lambda a: NONE
 
-    def unrolled(forces, at, block, k, u, v):
-        a = acceleration(forces[0], at[0][block], k, u, v)
-        b = total(forces[1:], at[1:], block, k, u, v)
-        return Push(a.x + b.x, a.y + b.y, a.xx + b.xx, a.xy + b.xy, a.yx + b.yx, a.yy + b.yy)
+    def unrolled(a):
+        one, other = a[0], total(a[1:])
+        return Push(
+            one.x + other.x, one.y + other.y,
+            one.xx + other.xx, one.xy + other.xy, one.yx + other.yx, one.yy + other.yy,
+        )  # fmt: skip
 
     return unrolled
 
 
-def total_spin(forces, at, block, k, omega):
-    """The same of their rotation: the angular acceleration and its derivative."""
-    a = [spin_up(f, table[block], k, omega) for f, table in zip(forces, at, strict=True)]
+def book(a, at, block, k, u, v, du, dv, mass):
+    """Book the impulse m Δt (a + ½ J δu) of each force on a floe, and its work; mass: m Δt [kg s]."""
+    for one, table in zip(a, at, strict=True):
+        book_one(one, table[block], k, u, v, du, dv, mass)
+
+
+@overload(book, jit_options=IN_PLACE)
+def _book(a, at, block, k, u, v, du, dv, mass):
+    if len(a) == 0:
+        return lambda a, at, block, k, u, v, du, dv, mass: None
+
+    def unrolled(a, at, block, k, u, v, du, dv, mass):
+        book_one(a[0], at[0][block], k, u, v, du, dv, mass)
+        book(a[1:], at[1:], block, k, u, v, du, dv, mass)
+
+    return unrolled
+
+
+@inner
+def book_one(a, at, k, u, v, du, dv, mass):
+    x = mass * (a.x + 0.5 * (a.xx * du + a.xy * dv))
+    y = mass * (a.y + 0.5 * (a.yx * du + a.yy * dv))
+    at[np.uintp(X * BLOCK + k)] += x
+    at[np.uintp(Y * BLOCK + k)] += y
+    at[np.uintp(WORK * BLOCK + k)] += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+
+
+def torques(forces, at, block, k, omega):
+    """The angular acceleration from each force, and its derivative, of floe k of a block."""
+    return tuple(spin_up(f, table[block], k, omega) for f, table in zip(forces, at, strict=True))
+
+
+@overload(torques, jit_options=IN_PLACE)
+def _torques(forces, at, block, k, omega):
+    if len(forces) == 0:
+        return lambda forces, at, block, k, omega: ()
+    return lambda forces, at, block, k, omega: (
+        spin_up(forces[0], at[0][block], k, omega),
+        *torques(forces[1:], at[1:], block, k, omega),
+    )
+
+
+def total_spin(a):
+    """Their sum."""
     return tuple(map(sum, zip((0.0, 0.0), *a, strict=True)))
 
 
 @overload(total_spin, jit_options=IN_PLACE)
-def _total_spin(forces, at, block, k, omega):
-    if len(forces) == 0:
-        return lambda forces, at, block, k, omega: (0.0, 0.0)
+def _total_spin(a):
+    if len(a) == 0:
+        return lambda a: (0.0, 0.0)
 
-    def unrolled(forces, at, block, k, omega):
-        alpha, slope = spin_up(forces[0], at[0][block], k, omega)
-        others = total_spin(forces[1:], at[1:], block, k, omega)
+    def unrolled(a):
+        (alpha, slope), others = a[0], total_spin(a[1:])
         return alpha + others[0], slope + others[1]
 
     return unrolled
 
 
-@for_each
-@inner
-def book(force, at, n, buffer):
-    """Book the impulse m Δt (a + ½ J δu) of a force on each floe, and its work."""
-    for k in range(n):
-        u, v, du, dv = buffer[U + k], buffer[V + k], buffer[D_U + k], buffer[D_V + k]
-        a = acceleration(force, at, k, u, v)
-        x = buffer[IMPULSE + k] * (a.x + 0.5 * (a.xx * du + a.xy * dv))
-        y = buffer[IMPULSE + k] * (a.y + 0.5 * (a.yx * du + a.yy * dv))
-        at[X * BLOCK + k] += x
-        at[Y * BLOCK + k] += y
-        at[WORK * BLOCK + k] += x * (u + 0.5 * du) + y * (v + 0.5 * dv)
+def book_spin(a, at, block, k, omega, change, inertia):
+    """Book the work of each torque; inertia: J Δt [kg m² s]."""
+    for (alpha, slope), table in zip(a, at, strict=True):
+        book_torque(alpha, slope, table[block], k, omega, change, inertia)
 
 
-@for_each
+@overload(book_spin, jit_options=IN_PLACE)
+def _book_spin(a, at, block, k, omega, change, inertia):
+    if len(a) == 0:
+        return lambda a, at, block, k, omega, change, inertia: None
+
+    def unrolled(a, at, block, k, omega, change, inertia):
+        book_torque(a[0][0], a[0][1], at[0][block], k, omega, change, inertia)
+        book_spin(a[1:], at[1:], block, k, omega, change, inertia)
+
+    return unrolled
+
+
 @inner
-def book_spin(force, at, n, buffer):
-    """Book the work of each torque."""
-    for k in range(n):
-        omega, change = buffer[OMEGA + k], buffer[D_OMEGA + k]
-        alpha, slope = spin_up(force, at, k, omega)
-        twist = buffer[TWIST + k] * (alpha + 0.5 * slope * change)
-        at[WORK * BLOCK + k] += twist * (omega + 0.5 * change)
+def book_torque(alpha, slope, at, k, omega, change, inertia):
+    twist = inertia * (alpha + 0.5 * slope * change)
+    at[np.uintp(WORK * BLOCK + k)] += twist * (omega + 0.5 * change)

@@ -9,22 +9,15 @@ from floebmi.dynamics import (
     drift_walls,
     forget,
     hold_back,
-    hold_spin,
     is_stale,
     kick_walls,
-    read_spin,
     touch,
 )
 from floebmi.forces import (
-    D_OMEGA,
-    D_U,
-    IMPULSE,
-    OMEGA,
-    TWIST,
-    U,
-    V,
+    accelerations,
     book,
     book_spin,
+    torques,
     total,
     total_spin,
 )
@@ -47,7 +40,7 @@ def taylor(
     p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
     start, constraint = parts - parts, books.held[parts - 1]
     ahead = 0.5 if third_order else 0.0
-    pair_buffer, buffer = buffers
+    pair_buffer, _ = buffers
     done, way, since = 0, 0.0, np.inf
     while done < steps and travelled < reach:
         forget(p.spinning, p.force)
@@ -64,21 +57,15 @@ def taylor(
                 hold_taylor(p, k, ahead, dt, constraint)
         fastest = 0.0
         for first in range(0, p.floes.size, BLOCK):
-            n = min(BLOCK, p.floes.size - first)
-            for k in range(n):
-                buffer[U + k], buffer[V + k] = p.floes[first + k].u, p.floes[first + k].v
-            read_spin(p.spinning, p.inverse_spin, p.force, first, n, 0.0, buffer)
-            buffer[D_U : D_OMEGA + BLOCK] = 0.0
-            for k in range(n):
-                buffer[IMPULSE + k] = p.mass[first + k] * dt
-            book(forces, at, first // BLOCK, n, buffer)
-            twist(p.spinning, forces, at, first, n, p, dt, constraint, buffer)
+            n, block = min(BLOCK, p.floes.size - first), first // BLOCK
             for k in range(n):
                 floe, contact = p.floes[first + k], p.force[first + k]
                 inverse_x, inverse_y = p.inverse_x[first + k], p.inverse_y[first + k]
                 previous = p.previous[first + k]
                 ax, ay = inverse_x * contact.x, inverse_y * contact.y
-                a = total(forces, at, first // BLOCK, k, buffer[U + k], buffer[V + k])
+                each = accelerations(forces, at, block, k, floe.u, floe.v)
+                book(each, at, block, k, floe.u, floe.v, 0.0, 0.0, p.mass[first + k] * dt)
+                a = total(each)
                 hold_back(p, first + k, a, 0.0, 0.0, dt, floe.u, floe.v, constraint)
                 ox, oy = a.x if inverse_x > 0.0 else 0.0, a.y if inverse_y > 0.0 else 0.0
                 jerk_x = inverse_x * (contact.x - previous[0]) if third_order else 0.0
@@ -89,7 +76,7 @@ def taylor(
                 floe.v += (ay + oy + ahead * jerk_y) * dt
                 previous[0], previous[1] = contact.x, contact.y
                 fastest = max(fastest, floe.u**2 + floe.v**2)
-            taylor_spin(p.spinning, third_order, forces, at, p, first, n, dt, buffer)
+            taylor_spin(p.spinning, third_order, forces, at, p, first, n, dt, constraint)
         kick_walls(walls.walls, dt, 0.0, ahead)
         way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
         travelled, since = travelled + way, since + way
@@ -127,35 +114,24 @@ def _(spinning: None, p, k, ahead, dt, constraint):
 
 
 @dispatched
-def twist(spinning, forces, at, first, n, p, dt, constraint, buffer):
-    """Torques of the fluids at the old spin, and their work."""
-    for k in range(n):
-        buffer[TWIST + k] = p.inertia[first + k] * dt
-    book_spin(forces, at, first // BLOCK, n, buffer)
-    if p.held.size > 0:
-        hold_spin(forces, at, p, first, n, dt, constraint, buffer)
-
-
-@twist.register
-def _(spinning: None, forces, at, first, n, p, dt, constraint, buffer):
-    pass
-
-
-@dispatched
-def taylor_spin(spinning, third_order, forces, at, p, first, n, dt, buffer):
+def taylor_spin(spinning, third_order, forces, at, p, first, n, dt, constraint):
     for k in range(n):
         floe = first + k
-        alpha, _ = total_spin(forces, at, first // BLOCK, k, buffer[OMEGA + k])
+        omega, inertia = spinning[floe].omega, p.inertia[floe] * dt
+        each = torques(forces, at, first // BLOCK, k, omega)
+        book_spin(each, at, first // BLOCK, k, omega, 0.0, inertia)
+        alpha, _ = total_spin(each)
+        if p.held.size > 0 and p.inverse_spin[floe] == 0.0:  # what holds it takes up the torque
+            constraint[2] -= inertia * alpha * omega
         other = alpha if p.inverse_spin[floe] > 0.0 else 0.0
         inverse, torque = p.inverse_spin[floe], p.force[floe].torque
         alpha = inverse * torque
         jerk = inverse * (torque - p.previous[floe, 2]) if third_order else 0.0
-        omega = spinning[floe].omega
         p.angle[floe] += (omega + (0.5 * (alpha + other) + jerk / 6.0) * dt) * dt
         spinning[floe].omega += (alpha + other + 0.5 * jerk) * dt
         p.previous[floe, 2] = torque
 
 
 @taylor_spin.register
-def _(spinning: None, third_order, forces, at, p, first, n, dt, buffer):
+def _(spinning: None, third_order, forces, at, p, first, n, dt, constraint):
     pass
