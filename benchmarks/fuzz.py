@@ -4,8 +4,7 @@ A scene is drawn at random: floes of wide ranges of place, size, thickness and v
 land; edges, walls and inflow; laws of contact and their numbers; fluids, their grids and masks; schemes, steps and
 exchanges.  It must run with mass and momentum closed to round-off, energy within its bound, no number that is not
 finite and every field with its bounds; or be refused by InputError or StabilityError in one line.  Whatever else
-happens is printed with the scene, which `tests/test_fuzz.py` can then keep as a case.  Memory that is not written before
-it is read shows, since it is full of NaN.
+happens is printed with the scene, which `tests/test_fuzz.py` can then keep as a case.
 """
 
 import argparse
@@ -155,7 +154,7 @@ def model_of(s: dict[str, Any]) -> fb.Model:
 
 @contextmanager
 def unwritten_memory() -> Iterator[None]:
-    """New arrays that numpy leaves as they are hold what none should: NaN, integers of −1."""
+    """New arrays that numpy leaves as they are hold what none should: NaN, integers of −1.  Nothing compiles meanwhile."""
 
     def spoiling(make: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
         def make_and_spoil(*args: Any, **options: Any) -> np.ndarray:
@@ -183,7 +182,7 @@ class Outcome(NamedTuple):
 def outcome(scene: dict[str, Any]) -> Outcome:
     """Run a scene and look at what came out."""
     try:
-        with warnings.catch_warnings(), unwritten_memory():
+        with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             model = model_of(scene)
             model.advance(1e-12 * scene["side"])  # who comes in sets the step
