@@ -52,7 +52,7 @@ import numpy as np
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
 from floebmi.projection import to_plane
-from floebmi.quantities import unmasked
+from floebmi.quantities import is_number, unmasked
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -92,7 +92,7 @@ class Regrid:
     ------
     InputError
         for grids that do not meet, areas of a wrong size, latitudes beyond 90 degrees, a target that
-        reaches more than 60 degrees from its middle.
+        reaches more than 60 degrees from its middle, a radius that is not greater than 0.
 
     Examples
     --------
@@ -213,23 +213,23 @@ class Regrid:
         """The part of Σ values × target_area that `flux` cannot give: no wet source cell is there.
 
         For stress [N m-2] it is a force [N].
+
+        Raises
+        ------
+        InputError
+            for a wrong size, or a value on a wet cell that is not finite.
         """
         values = self._check(values, self.target.size, np.flatnonzero(self.target.wet), "target")
         part = np.where(self._row_sum > 0, 0.0, 1.0)
-        if normalisation == "destination_area":
+        if _by_area(normalisation):
             part = 1.0 - self.covered
         lost = (values * self.target_area * part)[self.target.wet]
         return float(lost.sum())
 
     def _scale(self, normalisation: Normalisation) -> np.ndarray:
-        if normalisation == "fraction":
-            return 1.0 / np.where(self._row_sum > 0, self._row_sum, 1.0)
-        if normalisation == "destination_area":
+        if _by_area(normalisation):
             return 1.0 / self.target_area
-        words = ("fraction", "destination_area")
-        raise InputError(
-            f"regrid: normalisation = {normalisation!r}: {choose(normalisation, words)}"
-        )
+        return 1.0 / np.where(self._row_sum > 0, self._row_sum, 1.0)
 
     @staticmethod
     def _check(values: np.ndarray, size: int, used: np.ndarray, side: str) -> np.ndarray:
@@ -368,13 +368,35 @@ def project(grid: Grid, projection: str) -> Grid:
 
 
 def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:
-    """Areas of longitude-latitude cells on the sphere [m²], edges as the module's text says: (size,)."""
+    """Areas of longitude-latitude cells on the sphere [m²], edges as the module's text says: (size,).
+
+    Raises
+    ------
+    InputError
+        for a radius [m] that is not greater than 0.
+    """
+    _check_radius(radius)
     if grid.x_edges is not None and grid.y_edges is not None:
         south, north = np.radians(grid.y_edges[:-1]), np.radians(grid.y_edges[1:])
         height = 2 * np.cos(0.5 * (south + north)) * np.sin(0.5 * (north - south))
         return radius**2 * np.outer(height, np.diff(np.radians(grid.x_edges))).ravel()
     corner = _on_sphere(grid.corner_x, grid.corner_y)
     return radius**2 * np.abs(_triangles(corner[:, :1], corner[:, :-1], corner[:, 1:]).sum(1))
+
+
+def _check_radius(radius: float) -> None:
+    if not (is_number(radius) and radius > 0):
+        raise InputError(f"regrid: radius = {radius!r}: must be greater than 0 m")
+
+
+def _by_area(normalisation: Normalisation) -> bool:
+    """Whether a state is the mean over the whole target cell, not over its covered part."""
+    words = ("fraction", "destination_area")
+    if normalisation not in words:
+        raise InputError(
+            f"regrid: normalisation = {normalisation!r}: {choose(normalisation, words)}"
+        )
+    return normalisation == "destination_area"
 
 
 def _areas(values: np.ndarray, size: int) -> np.ndarray:
@@ -468,6 +490,7 @@ def _overlaps_sphere(
     import shapely
     from scipy.sparse import csr_array, kron
 
+    _check_radius(radius)
     for side, grid in (("source", source), ("target", target)):
         beyond = np.flatnonzero(np.abs(grid.node_y) > 90.0)
         if beyond.size:

@@ -179,8 +179,10 @@ class Clock:
         return text if self.beyond_span == "error" else f"{text}, then {self.beyond_span}"
 
 
-def date_of(start: Date, calendar: str = "standard") -> cftime.datetime:
+def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cftime.datetime:
     """The date of a calendar, in UTC, that a text such as '1979-01-16T18:00' means, or a date of any calendar.
+
+    name : of the key that gave it, for the error
 
     Raises
     ------
@@ -193,7 +195,7 @@ def date_of(start: Date, calendar: str = "standard") -> cftime.datetime:
         return cftime.num2date(0.0, f"seconds since {start}", calendar)
     except (TypeError, ValueError):  # the TypeError is of a text that breaks off after the year
         raise InputError(
-            f"start = {start!r}: not a date of the calendar {calendar!r}; give one such as '1979-01-16' or"
+            f"{name} = {start!r}: not a date of the calendar {calendar!r}; give one such as '1979-01-16' or"
             " '1979-01-16T18:00'"
         ) from None
 

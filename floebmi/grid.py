@@ -25,6 +25,7 @@ from floebmi.quantities import is_number
 
 Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
+MOST_CELLS = 2**31 - 1  # numbers of cells are int32
 FLAT = 1e-12  # a cell whose area is below this times its diameter squared has no inside
 SLOTS_PER_COLUMN = 16  # upper bound on the table along an axis, for strongly stretched edges
 
@@ -180,7 +181,7 @@ class Grid:
         ------
         InputError
             for an empty rectangle, a spacing that does not divide it, both or neither of spacing
-            and shape.
+            and shape, more cells than int32 counts.
         """
         west, east = _interval("x", x)
         south, north = _interval("y", y)
@@ -195,6 +196,8 @@ class Grid:
             if len(sides) != 2:
                 raise InputError(f"grid: spacing = {spacing!r}: must be a number, or two (dx, dy)")
             nx, ny = _divide("x", west, east, sides[0]), _divide("y", south, north, sides[1])
+        if nx * ny > MOST_CELLS:
+            raise InputError(f"grid: {ny} × {nx} cells: must be at most {MOST_CELLS} in all")
         edges = np.linspace(west, east, nx + 1), np.linspace(south, north, ny + 1)
         return cls._from_edges("uniform_rectilinear", *edges, wet)
 
@@ -445,7 +448,12 @@ def _counts(shape: tuple[int, int]) -> tuple[int, int]:
 def _divide(name: str, low: float, high: float, spacing: float) -> int:
     if not (is_number(spacing) and spacing > 0):
         raise InputError(f"grid: spacing along {name} = {spacing!r}: must be greater than 0")
-    cells = round((high - low) / spacing)
+    exact = (high - low) / spacing
+    if exact > MOST_CELLS:
+        raise InputError(
+            f"grid: spacing along {name} = {spacing}: {exact:.3g} cells: must be at most {MOST_CELLS} in all"
+        )
+    cells = round(exact)
     if cells < 1 or abs(cells * spacing - (high - low)) > 1e-9 * (high - low):
         raise InputError(
             f"grid: spacing along {name} = {spacing} does not divide {high - low} m;"

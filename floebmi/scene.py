@@ -893,6 +893,8 @@ class Scene(Table):
         from floebmi.scalars import read_scalar
 
         path, plane = self._file.parent / group.file, self.domain.projection
+        if group.time is not None:
+            date_of(group.time, self.time.calendar or "standard", "time")
         of_file = {
             "time": group.time or self.time.start, "select": group.select, "mask": group.mask,
             "fill_land": group.fill_land, "outside": None if group.outside == "error" else 0.0,

@@ -422,6 +422,9 @@ def test_what_cannot_be_used_is_refused_in_one_line():
         (lambda: regrid.flux(u[:3]), "cells of the target"),
         (lambda: regrid.flux(np.full(target.size, np.inf)), "inf on wet cell 0 of the target"),
         (lambda: regrid.state(np.ones(source.size), "fracarea"), "allowed: destination_area, fraction"),
+        (lambda: regrid.undelivered(np.ones(target.size), "fracarea"), "allowed: destination_area, fraction"),
+        (lambda: Regrid(warped((2, 2), (0, 10, 60, 70), 0.0), polygons(2, 1, (0, 10, 60, 70)), "sphere", -1.0), "radius = -1.0"),
+        (lambda: sphere_area(lonlat((2, 2), (0, 10, 60, 70)), 0.0), "radius = 0.0"),
         (
             lambda: Regrid(warped((9, 9), (-80, 80, -80, 80), 0.0), polygons(9, 1, (-80, 80, -80, 80)), "sphere"),
             "60 degrees",

@@ -484,6 +484,8 @@ def test_the_ice_is_that_of_the_start_or_of_its_own_date(write, sea):
     assert thickness(later) == pytest.approx(2.0)
     text = refused(write(sea + ICE + "position = 'mapping'\n[time]\nstart = '2017-02-03'\n"))
     assert "[floes] sea.nc: aice: time = '2017-02-03': the file has 2016-02-01" in text
+    text = refused(write(sea + ICE + "position = 'mapping'\ntime = 'soon'\n"))
+    assert "[floes] time = 'soon': not a date of the calendar 'standard'" in text
 
 
 def test_what_lies_outside_a_file_is_an_error_or_what_the_scene_says(write, sea):
