@@ -3,14 +3,15 @@
 A floe is a row of eight numbers; arithmetic on many pairs at once wants columns, one number of many pairs.
 Read one by one, the numbers of a pair cost more than its contact law.  Here half a row is read at once, and four
 half rows are turned into four columns.  Compilers do not find this by themselves, so it is written in LLVM's own
-vectors, which every processor has or imitates.
+vectors, which every processor has or imitates.  `gather` and `scatter` say in Python what they do, which is also what
+runs where nothing is compiled (NUMBA_DISABLE_JIT=1, to step through a law in a debugger).
 """
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 
-from floebmi.kernels import BLOCK
+from floebmi.kernels import BLOCK, IN_PLACE
 
 LANES = 4  # pairs at a time
 # Rows of the buffer of a block of pairs, as in forces.py: results lie below what they are computed from.
@@ -74,13 +75,29 @@ def _columns(builder, place, distances, offset):
     return columns
 
 
-@intrinsic
-def gather(typing, floes, pair_i, pair_j, first, buffer, k):
+def gather(floes, pair_i, pair_j, first, buffer, k):
     """Columns of the pairs first + k to first + k + 3 of `floes`, records of `pack.SPINNING` or `pack.MOVING`.
 
     DX, DY, DU, DV are the differences, j less i; R, H, OMEGA and W are those of each.
     """
+    for lane in range(k, k + LANES):
+        one, other = floes[pair_i[first + lane]].tolist(), floes[pair_j[first + lane]].tolist()
+        for row, own, others in zip((DX, DY, DU, DV), one, other, strict=False):
+            buffer[row + lane] = others - own
+        for rows, floe in (((R_I, H_I, OMEGA_I, W_I), one), ((R_J, H_J, OMEGA_J, W_J), other)):
+            for row, value in zip(rows, floe[4:], strict=True):
+                buffer[row + lane] = value
 
+
+@overload(gather, jit_options=IN_PLACE)
+def _gather(floes, pair_i, pair_j, first, buffer, k):
+    return lambda floes, pair_i, pair_j, first, buffer, k: _gather_vectors(
+        floes, pair_i, pair_j, first, buffer, k
+    )
+
+
+@intrinsic
+def _gather_vectors(typing, floes, pair_i, pair_j, first, buffer, k):
     def generate(context, builder, signature, arguments):
         records, i, j, buffered = (
             _Place(context, builder, signature.args[n], arguments[n]) for n in (0, 1, 2, 4)
@@ -109,13 +126,30 @@ def gather(typing, floes, pair_i, pair_j, first, buffer, k):
     return types.void(floes, pair_i, pair_j, types.intp, buffer, types.intp), generate
 
 
-@intrinsic
-def scatter(typing, force, pair_i, pair_j, first, buffer, k):
+def scatter(force, pair_i, pair_j, first, buffer, k):
     """Add columns of forces to floes: FX, FY to i and their opposite to j; TORQUE_I, TORQUE_J where floes turn.
 
     force : records of `pack.FORCE` or `pack.FORCE_AND_TORQUE`
     """
+    for lane in range(k, k + LANES):
+        one, other = force[pair_i[first + lane]], force[pair_j[first + lane]]
+        for row, name in ((FX, "x"), (FY, "y")):
+            one[name] += buffer[row + lane]
+            other[name] -= buffer[row + lane]
+        if "torque" in force.dtype.names:
+            one["torque"] += buffer[TORQUE_I + lane]
+            other["torque"] += buffer[TORQUE_J + lane]
 
+
+@overload(scatter, jit_options=IN_PLACE)
+def _scatter(force, pair_i, pair_j, first, buffer, k):
+    return lambda force, pair_i, pair_j, first, buffer, k: _scatter_vectors(
+        force, pair_i, pair_j, first, buffer, k
+    )
+
+
+@intrinsic
+def _scatter_vectors(typing, force, pair_i, pair_j, first, buffer, k):
     def generate(context, builder, signature, arguments):
         forces, i, j, buffered = (
             _Place(context, builder, signature.args[n], arguments[n]) for n in (0, 1, 2, 4)

@@ -163,7 +163,7 @@ def at_floes(
 
 def row(at, name, k):
     """What a force knows of floe k: from its table, or in kernels from a row of it by block."""
-    return at[name, k]
+    return at[name, k] if at.ndim == 2 else at[name * BLOCK + k]
 
 
 @overload(row, jit_options=IN_PLACE)

@@ -127,7 +127,7 @@ def emptied(near: Near, pairs: PairList) -> Near:
 
 def room_for_blows(parts: np.ndarray) -> np.ndarray:
     """Room for the blows of two parts, each with as many pairs as any has."""
-    return np.empty((2, np.diff(parts).max(initial=0)), BLOW)
+    return np.empty((2, np.diff(parts).max(initial=0)), BLOW).view(np.recarray)
 
 
 def remembering(names: tuple[str, ...], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:

@@ -148,7 +148,7 @@ def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
             within = far_x * far_x + far_y * far_y < r * r  # the cell lies in the disc
             amount = width * height if within else (right - left) - south[i]
             south[i], left = right - left, right
-            cell[np.uintp(m)], area[np.uintp(m)] = (j - one) * nx + i, amount
+            cell[np.uintp(m)], area[np.uintp(m)] = np.int64(j * nx + i - nx), amount
             enough = (amount > least) & (height > 0.0)
             total += amount if enough else 0.0
             m += enough

@@ -155,7 +155,10 @@ NOTCH = ([0.0, 4.0, 4.0, 0.0, 2.0], [0.0, 0.0, 4.0, 4.0, 0.0])
         (lambda: Grid.uniform((0, 1), (1, 1), shape=(1, 1)), "second larger"),
         (lambda: Grid.uniform((0, 1), (0, 1), spacing=0.3), "0.333"),
         (lambda: Grid.uniform((0, 1), (0, 1), spacing=-0.5), "greater than 0"),
-        (lambda: Grid.uniform((0, 1), (0, 1), spacing=5e-324), "inf cells: must be at most 2147483647"),
+        (
+            lambda: Grid.uniform((0, 1), (0, 1), spacing=5e-324),
+            "inf cells: must be at most 2147483647",
+        ),
         (lambda: Grid.uniform((0, 1), (0, 1), shape=(10**6, 10**6)), "1000000 × 1000000 cells"),
         (lambda: Grid.uniform((0, 1), (0, 1), shape=(0, 3)), "whole numbers"),
         (lambda: Grid.rectilinear([0, 1, 1], [0, 1]), r"x_edges\[2\] = 1.0"),
