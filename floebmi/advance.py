@@ -224,7 +224,7 @@ class Advance:
 
     def _list(self, at: Packed, walls: np.ndarray, old: Memory) -> None:
         """List the pairs of floes packed where they are or were, and floes near walls likewise."""
-        radius = at.floes.r[~at.land]
+        radius = at.floes["r"][~at.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
@@ -311,7 +311,7 @@ class Advance:
     def _mark_anew(self) -> None:
         """The way up to here takes from the room that is left; from here on another is counted."""
         self.room -= self.travelled
-        self._mark(self.packed.floes.x.copy(), self.packed.floes.y.copy())
+        self._mark(self.packed.floes["x"].copy(), self.packed.floes["y"].copy())
 
     def _stray_on(self) -> bool:
         """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
@@ -557,8 +557,8 @@ class Advance:
         at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         if not seen.finite:
             with np.errstate(over="ignore"):
-                moving = [p.floes.x, p.floes.y, p.floes.u**2 + p.floes.v**2]
-            moving += [] if p.spinning is None else [p.spinning.omega, p.angle]
+                moving = [p.floes["x"], p.floes["y"], p.floes["u"] ** 2 + p.floes["v"] ** 2]
+            moving += [] if p.spinning is None else [p.spinning["omega"], p.angle]
             floe = p.number[np.argmax(~np.isfinite(moving).all(axis=0))]
             raise StabilityError(
                 f"floe {floe}: position or velocity is no longer finite {at}; "
@@ -576,7 +576,7 @@ class Advance:
         """Stop where a floe would miss another on its way, or has missed it."""
         way = seen.pace * dt
         if self.contact is not None and way > 0.5:
-            speed = seen.pace * self.packed.floes[seen.which].r
+            speed = seen.pace * self.packed.floes[seen.which]["r"]
             raise StabilityError(
                 f"floe {self.packed.number[seen.which]}: moves {way:.2g} of its radius in one step "
                 f"({speed:.3g} m/s), at most 0.5 is allowed, at t = {self.time + done:g} s with a step of {dt:g} s; "

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numba
+import numpy as np
 import platformdirs
 from numba.extending import overload, register_jitable
 
@@ -72,6 +73,11 @@ def inlined(function: Callable) -> Callable:
 def inner(function: Callable) -> Callable:
     """Plain Python for Python, and a part of the kernels that call it."""
     return register_jitable(**IN_PLACE)(function)
+
+
+def as_records(array: np.ndarray) -> np.ndarray:
+    """An array of records whose fields kernels read as attributes, be they compiled or not; plain arrays are unboxed sooner."""
+    return array.view(np.recarray) if numba.config.DISABLE_JIT else array
 
 
 def _python_type(numba_type: numba.types.Type) -> type:

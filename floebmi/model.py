@@ -766,7 +766,7 @@ class Model:
             contacts.fx, contacts.fy, self.domain.period,
         )  # fmt: skip
         net = np.zeros((2, len(f)))  # of the ice; what the coast takes is not a force on ice
-        net[:, now.packed.number] = now.packed.force.x, now.packed.force.y
+        net[:, now.packed.number] = now.packed.force["x"], now.packed.force["y"]
         net[:, f.land] = 0.0
         push = divergence(self.grid, self.weights(self.grid), *net)
         fields = {

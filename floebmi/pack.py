@@ -24,7 +24,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step, Walls
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND, Floes
-from floebmi.kernels import dispatched, in_place, inner, jit
+from floebmi.kernels import as_records, dispatched, in_place, inner, jit
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 from floebmi.pairs import PairList, least_of, recall, remember, remembering, wrap
 from floebmi.tiles import Tiles, by_tile, coast_last
@@ -46,7 +46,7 @@ def _lines(n: int, kind: np.dtype) -> np.ndarray:
     line = 64
     room = np.zeros(n * kind.itemsize + line, np.uint8)
     first = -room.ctypes.data % line
-    return room[first : first + n * kind.itemsize].view(kind).view(np.recarray)
+    return as_records(room[first : first + n * kind.itemsize].view(kind))
 
 
 class Packed(NamedTuple):
@@ -211,8 +211,8 @@ def unpack(
         # not in a kernel, whose fast mathematics would find that rounding takes nothing
         for axis, (place, now, first, origin) in enumerate(
             (
-                (floes.x, p.floes.x, p.first_x, p.origin_x),
-                (floes.y, p.floes.y, p.first_y, p.origin_y),
+                (floes.x, p.floes["x"], p.first_x, p.origin_x),
+                (floes.y, p.floes["y"], p.first_y, p.origin_y),
             )
         ):
             moved = now != first
@@ -240,8 +240,8 @@ def _put_back(
 def reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
     """How far a floe may interact [m]: its radius, the gap that a bond spans, half the skin."""
     if contact is None:
-        return np.ascontiguousarray(packed.floes.r)
-    return packed.floes.r * (1.0 + widest_gap(packed, contact)) + 0.5 * skin
+        return np.ascontiguousarray(packed.floes["r"])
+    return packed.floes["r"] * (1.0 + widest_gap(packed, contact)) + 0.5 * skin
 
 
 def widest_gap(packed: Packed, contact: Contact | None) -> float:

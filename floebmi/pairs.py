@@ -35,7 +35,7 @@ from floebmi.columns import (
     scatter,
 )  # fmt: skip
 from floebmi.contact import blow, coefficient, lever_arm, pair_force, strength
-from floebmi.kernels import BLOCK, dispatched, in_place, inner
+from floebmi.kernels import BLOCK, as_records, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
 FRICTION, DASHPOTS, BONDS, FAILURE, BROKEN = range(
@@ -127,7 +127,7 @@ def emptied(near: Near, pairs: PairList) -> Near:
 
 def room_for_blows(parts: np.ndarray) -> np.ndarray:
     """Room for the blows of two parts, each with as many pairs as any has."""
-    return np.empty((2, np.diff(parts).max(initial=0)), BLOW).view(np.recarray)
+    return as_records(np.empty((2, np.diff(parts).max(initial=0)), BLOW))
 
 
 def remembering(names: tuple[str, ...], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:

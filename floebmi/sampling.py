@@ -26,11 +26,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from floebmi.arrays import all_finite
 from floebmi.errors import InputError, choose
 from floebmi.geometry import disc_polygon, disc_south_west, disc_west
 from floebmi.grid import Bins, Grid, bin_of, column
-from floebmi.kernels import BLOCK, IN_PLACE, dispatched, in_place, jit
+from floebmi.kernels import BLOCK, IN_PLACE, in_place, jit
 
 Period = tuple[float | None, float | None]
 
@@ -86,17 +85,115 @@ class Polygons(NamedTuple):
     corner_y: np.ndarray
 
 
-@dispatched
+PATCH = 3  # columns and rows of cells in which a disc is looked at together: many reach no more
+LINES = PATCH + 1  # of the grid, that bound them
+
+
+@in_place
+def _patches(axes, bounds, lengths, x, y, radius, of, floe, disc_x, disc_y, column_0, row_0):
+    """List the discs, and their images, with each patch of cells that they reach: floe, centre, first column and row.
+
+    Returns how many there are, also if the arrays were too short.
+    """
+    west, east, south, north = bounds
+    x_edges, y_edges, m = axes.x.edges, axes.y.edges, 0
+    for k in range(x.size):
+        r = radius[k]
+        first_x, last_x = _repeats(x[k], r, west, east, lengths[0])
+        first_y, last_y = _repeats(y[k], r, south, north, lengths[1])
+        if not of[k]:
+            last_y = first_y - 1
+        for along_y in range(first_y, last_y + 1):
+            for along_x in range(first_x, last_x + 1):
+                cx, cy = x[k] + along_x * lengths[0], y[k] + along_y * lengths[1]
+                i0, j, more_rows = column(axes.x, cx - r), column(axes.y, cy - r), True
+                while more_rows:
+                    i, more_columns = i0, True
+                    while more_columns:
+                        if m < floe.size:
+                            e = np.uintp(m)
+                            floe[e], disc_x[e], disc_y[e], column_0[e], row_0[e] = k, cx, cy, i, j
+                        m += 1
+                        i += PATCH
+                        more_columns = i < x_edges.size - 1 and x_edges[np.uintp(i)] < cx + r
+                    j += PATCH
+                    more_rows = j < y_edges.size - 1 and y_edges[np.uintp(j)] < cy + r
+    return m
+
+
+@in_place
+def _areas_in_patches(
+    axes, radius, of, floe, disc_x, disc_y, column_0, row_0, lanes, start, outside, inside, cell, area
+):  # fmt: skip
+    """Areas of discs in the cells of their patches: fills start, outside, inside, cell, area.
+
+    A block of discs at a time, line by line and cell by cell: so it vectorises, and meets no branch that cannot be
+    foreseen.  A line beyond the grid is its last line once more, and a cell beyond the disc has none of it.
+
+    lanes : room for a block: LINES distances of lines from the centre along x, as many along y; H there; the areas
+        south-west of corners; those in cells; radius, and the sum over cells
+    """
+    x_edges, y_edges, one = axes.x.edges, axes.y.edges, np.uintp(1)
+    nx, ny = np.uintp(x_edges.size - 1), np.uintp(y_edges.size - 1)
+    at, arc, south_west, amounts, sums = lanes
+    r, total = sums[0], sums[1]
+    m = np.uintp(0)
+    for block in range(0, floe.size, BLOCK):
+        lanes_here = min(BLOCK, floe.size - block)
+        for k in range(lanes_here):
+            e = np.uintp(block + k)
+            r[k] = radius[np.uintp(floe[e])]
+            i, j = np.uintp(column_0[e]), np.uintp(row_0[e])
+            for line in range(LINES):
+                at[line, k] = x_edges[min(i + np.uintp(line), nx)] - disc_x[e]
+                at[LINES + line, k] = y_edges[min(j + np.uintp(line), ny)] - disc_y[e]
+        total[:] = 0.0
+        for line in range(2 * LINES):
+            here, west = at[line], arc[line]
+            for k in range(BLOCK):
+                west[k] = disc_west(here[k], r[k])
+        for row in range(LINES):
+            y, south = at[LINES + row], arc[LINES + row]
+            for line in range(LINES):
+                x, west, corner = at[line], arc[line], south_west[row * LINES + line]
+                for k in range(BLOCK):
+                    corner[k] = disc_south_west(x[k], y[k], west[k], south[k], r[k])
+        for row in range(PATCH):
+            low, high = at[LINES + row], at[LINES + row + 1]
+            for line in range(PATCH):
+                left, right, amount = at[line], at[line + 1], amounts[row * PATCH + line]
+                sw, se = south_west[row * LINES + line], south_west[row * LINES + line + 1]
+                nw, ne = (
+                    south_west[(row + 1) * LINES + line],
+                    south_west[(row + 1) * LINES + line + 1],
+                )
+                for k in range(BLOCK):
+                    far_x, far_y = max(right[k], -left[k]), max(high[k], -low[k])
+                    some = (ne[k] - nw[k]) - (se[k] - sw[k])
+                    within = far_x * far_x + far_y * far_y < r[k] * r[k]  # the cell is in the disc
+                    some = (right[k] - left[k]) * (high[k] - low[k]) if within else some
+                    some = some if some > ROUND_OFF * math.pi * r[k] * r[k] else 0.0
+                    amount[k] = some
+                    total[k] += some
+        for k in range(lanes_here):
+            e = np.uintp(block + k)
+            c = np.uintp(row_0[e]) * nx + np.uintp(column_0[e])
+            for row in range(PATCH):
+                for line in range(PATCH):
+                    some = amounts[row * PATCH + line, k]
+                    cell[m], area[m] = c + np.uintp(line), some
+                    m += np.uintp(some > 0.0)
+                c += nx
+            inside[np.uintp(floe[e])] += total[k]
+            start[np.uintp(floe[e]) + one] = m
+    for k in range(radius.size):
+        start[k + 1] = max(start[k + 1], start[k])  # who is not listed has an empty row
+        outside[k] = math.pi * radius[k] * radius[k] - inside[k] if of[k] else 0.0
+
+
+@jit
 def _reached(cells, x, y, r):
-    """First and last column, first and last row of the grid, or of the raster, that a disc may reach."""
-    return (
-        column(cells.x, x - r), column(cells.x, x + r),
-        column(cells.y, y - r), column(cells.y, y + r),
-    )  # fmt: skip
-
-
-@_reached.register
-def _(cells: Polygons, x, y, r):
+    """First and last column, first and last row of the raster that a disc may reach."""
     (x0, y0), (along_x, along_y), (nx, ny) = cells.bins.origin, cells.bins.scale, cells.bins.raster
     return (
         bin_of(x - r, x0, along_x, nx), bin_of(x + r, x0, along_x, nx),
@@ -104,60 +201,18 @@ def _(cells: Polygons, x, y, r):
     )  # fmt: skip
 
 
-@dispatched
+@jit
 def _most(cells, i0, i1, j0, j1):
     """No more cells than so many lie in a block of columns and rows."""
-    return (i1 - i0 + 1) * (j1 - j0 + 1)
-
-
-@_most.register
-def _(cells: Polygons, i0, i1, j0, j1):
     start, nx, count = cells.bins.start, cells.bins.raster[0], 0
     for j in range(j0, j1 + 1):
         count += start[j * nx + i1 + 1] - start[j * nx + i0]
     return count
 
 
-@dispatched
-def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
-    """Areas of a disc in the cells of a block, put behind the first m: how many there are now, and their sum.
-
-    lines : room for three numbers of each grid line across x: its distance from the disc's centre, H there, and the
-        area of the disc east of it, west of the next, south of the row
-    """
-    # unsigned indices: no wrap-around; and no branches that cannot be foreseen: a quarter of the time
-    x_edges, y_edges, one = cells.x.edges, cells.y.edges, np.uintp(1)
-    nx, first, last = np.uintp(x_edges.size - 1), np.uintp(i0), np.uintp(i1 + 1)
-    place, west, south = lines
-    least, total = ROUND_OFF * math.pi * r * r, 0.0
-    for i in range(first, last + one):
-        place[i] = x_edges[i] - cx
-        west[i] = disc_west(place[i], r)
-        south[i] = 0.0
-    low = y_edges[np.uintp(j0)] - cy
-    # a disc that reaches beyond the grid has a part south of it: a first row without height, which is not kept
-    for j in range(np.uintp(j0 + (low <= -r)), np.uintp(j1 + 2)):
-        high = y_edges[j] - cy
-        below = disc_west(high, r)
-        far_y, height = max(high, -low), high - low
-        left = disc_south_west(place[first], high, west[first], below, r)
-        for i in range(first, last):
-            beside = i + one
-            right = disc_south_west(place[beside], high, west[beside], below, r)
-            far_x, width = max(place[beside], -place[i]), place[beside] - place[i]
-            within = far_x * far_x + far_y * far_y < r * r  # the cell lies in the disc
-            amount = width * height if within else (right - left) - south[i]
-            south[i], left = right - left, right
-            cell[np.uintp(m)], area[np.uintp(m)] = np.int64(j * nx + i - nx), amount
-            enough = (amount > least) & (height > 0.0)
-            total += amount if enough else 0.0
-            m += enough
-        low = high
-    return m, total
-
-
-@_areas.register
-def _(cells: Polygons, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
+@jit
+def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m):
+    """Areas of a disc in the cells of a block, put behind the first m: how many there are now, and their sum."""
     bins, least, total = cells.bins, ROUND_OFF * math.pi * r * r, 0.0
     low, box = bins.low, bins.box
     for j in range(j0, j1 + 1):
@@ -182,7 +237,7 @@ def _(cells: Polygons, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines):
 
 @in_place
 def _coverage(
-    cells, bounds, lengths, x, y, radius, of, first, start, outside, inside, cell, area, lines
+    cells, bounds, lengths, x, y, radius, of, first, start, outside, inside, cell, area
 ):  # fmt: skip
     """Areas of discs, and of their images, in cells, from the first disc on: fills start, outside, inside, cell, area.
 
@@ -202,7 +257,7 @@ def _coverage(
                 i0, i1, j0, j1 = _reached(cells, cx, cy, r)
                 if m + _most(cells, i0, i1, j0, j1) > cell.size:
                     return k
-                m, amount = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m, lines)
+                m, amount = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m)
                 total += amount
         start[k + 1], inside[k] = m, total
         outside[k] = math.pi * r * r - total if of[k] else 0.0
@@ -283,14 +338,23 @@ def check_floes(
     x, y, radius = (np.ascontiguousarray(values, np.float64) for values in arrays)
     if x.ndim != 1:
         raise InputError(f"floes: x has shape {x.shape}: must be (n,)")
+    if _are_discs(x, y, radius):
+        return x, y, radius
     for name, values in (("x", x), ("y", y), ("radius", radius)):
-        if not all_finite(values):
-            k = int(np.flatnonzero(~np.isfinite(values))[0])
+        for k in np.flatnonzero(~np.isfinite(values)):
             raise InputError(f"floe {k}: {name} = {values[k]}: must be finite")
-    if radius.min(initial=1.0) <= 0:
-        k = int(np.argmax(radius <= 0))
-        raise InputError(f"floe {k}: radius = {radius[k]}: must be greater than 0")
-    return x, y, radius
+    k = int(np.argmax(radius <= 0))
+    raise InputError(f"floe {k}: radius = {radius[k]}: must be greater than 0")
+
+
+@in_place
+def _are_discs(x, y, radius):
+    """Whether all centres and radii are finite, and the radii positive."""
+    fine = True
+    for k in range(x.size):
+        fine &= (abs(x[k]) < np.inf) & (abs(y[k]) < np.inf)
+        fine &= (radius[k] > 0.0) & (radius[k] < np.inf)
+    return fine
 
 
 def check_period(grid: Grid, period: Period) -> tuple[float, float]:
@@ -390,17 +454,52 @@ def coverage(
         for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
     """
     x, y, radius = check_floes(x, y, radius)
-    n = x.size
-    rectilinear = grid.x_edges is not None
-    cells = grid.axes if rectilinear else Polygons(grid.bins, grid.corner_x, grid.corner_y)
-    lines = tuple(np.empty((3, grid.x_edges.size if rectilinear else 0)))
-    discs = x, y, radius, np.ones(n, bool) if of is None else of
+    of = np.ones(x.size, bool) if of is None else of
+    fill = _in_polygons if grid.x_edges is None else _in_rectangles
+    return fill(grid, x, y, radius, of, check_period(grid, period))
+
+
+def _in_rectangles(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray,
+    of: np.ndarray,
+    lengths: tuple[float, float],
+) -> Coverage:
+    """`coverage` on a rectilinear grid."""
+    room = 2 * x.size + 16
+    while True:
+        patches = (
+            np.empty(room, np.int64), *np.empty((2, room)), *np.empty((2, room), np.int32)
+        )  # fmt: skip
+        room = _patches(grid.axes, grid.bounds, lengths, x, y, radius, of, *patches)
+        if room <= len(patches[0]):
+            break
+    patches = tuple(values[:room] for values in patches)
+    lanes = tuple(np.ones((rows, BLOCK)) for rows in (2 * LINES, 2 * LINES, LINES**2, PATCH**2, 2))
+    start, outside, inside = np.zeros(x.size + 1, np.int64), np.empty(x.size), np.zeros(x.size)
+    cell, area = np.empty(room * PATCH**2, np.int32), np.empty(room * PATCH**2)
+    _areas_in_patches(grid.axes, radius, of, *patches, lanes, start, outside, inside, cell, area)
+    return Coverage(start, cell[: start[-1]], area[: start[-1]], grid.size, outside, inside)
+
+
+def _in_polygons(
+    grid: Grid,
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray,
+    of: np.ndarray,
+    lengths: tuple[float, float],
+) -> Coverage:
+    """`coverage` on a grid of cells of any shape."""
+    n, done = x.size, 0
+    cells = Polygons(grid.bins, grid.corner_x, grid.corner_y)
     start, outside, inside = np.zeros(n + 1, np.int64), np.empty(n), np.empty(n)
     cell, area = np.empty(12 * n, np.int32), np.empty(12 * n)
-    lengths, done = check_period(grid, period), 0
     while True:
         done = _coverage(
-            cells, grid.bounds, lengths, *discs, done, start, outside, inside, cell, area, lines
+            cells, grid.bounds, lengths, x, y, radius, of, done, start, outside, inside, cell, area
         )
         if done == n:
             break

@@ -117,8 +117,8 @@ def test_the_third_law_holds_to_the_bit(law):
     model = Model(DOMAIN, floes, contact=law)
     model.advance(0.05)
     now = model._now().packed.force
-    assert now.x[0] == -now.x[1] != 0
-    assert now.y[0] == -now.y[1]
+    assert now["x"][0] == -now["x"][1] != 0
+    assert now["y"][0] == -now["y"][1]
 
 
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 1e2])
@@ -287,6 +287,6 @@ def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes():
     for axis, force in enumerate((contacts.fx, contacts.fy)):
         np.add.at(net[axis], contacts.i, force)
         np.subtract.at(net[axis], contacts.j, force)
-    moving = np.array([now.force.x, now.force.y])
+    moving = np.array([now.force["x"], now.force["y"]])
     assert len(contacts.i) > 2 and np.abs(moving).max() > 1e3
     assert net[:, now.number] == pytest.approx(moving, abs=1e-9 * np.abs(moving).max())

@@ -47,7 +47,9 @@ def test_a_scene_goes_the_same_way_without_being_compiled(plain, name):
     compiled = found(name)
     assert compiled.keys() == plain[name].keys()
     for what, values in compiled.items():
-        error = 1e-9 * np.abs(values).max(initial=0.0) + 1e-12  # a full cell has a porosity of 1e-14
+        error = (
+            1e-9 * np.abs(values).max(initial=0.0) + 1e-12
+        )  # a full cell has a porosity of 1e-14
         np.testing.assert_allclose(plain[name][what], values, rtol=0, atol=error)
 
 
