@@ -249,6 +249,7 @@ class SeaIceFloes(Component):
         for row in _OUTPUTS:
             if row.csdms not in grid.at_node:
                 grid.add_zeros(row.csdms, at="node", units=row.units)
+        self._check_outputs("SeaIceFloes")
         self._show()
 
     def _made(
@@ -277,8 +278,8 @@ class SeaIceFloes(Component):
                 "SeaIceFloes: sizes is missing: (smallest, largest) radius [m] of the floes that are"
                 " made from a concentration"
             )
-        if isinstance(sizes, Sequence) and not hasattr(sizes, "_fields"):
-            if len(sizes) != 2:
+        if isinstance(sizes, Sequence | np.ndarray) and not hasattr(sizes, "_fields"):
+            if len(sizes) != 2 or not all(map(is_number, sizes)):
                 raise InputError(f"SeaIceFloes: sizes = {sizes}: must be (smallest, largest) [m]")
             sizes = UniformSize(float(sizes[0]), float(sizes[1]))
         if concentration is not None:
@@ -312,6 +313,7 @@ class SeaIceFloes(Component):
                 "run_one_step: corners or boundary status of the grid are not what they were when"
                 " SeaIceFloes was made; make a new one"
             )
+        self._check_outputs("run_one_step")
         self._take_inputs()
         self._books.open()
         before = self._impulse()
@@ -343,9 +345,24 @@ class SeaIceFloes(Component):
                     " force that does, or leave the field at 0"
                 )
 
+    def _check_outputs(self, what: str) -> None:
+        """InputError for a field that is not there to be written, or is of whole numbers, which would cut it."""
+        for row in _OUTPUTS:
+            if row.csdms not in self._grid.at_node:
+                raise InputError(
+                    f"{what}: {row.csdms} is not at the grid's nodes; SeaIceFloes writes it"
+                )
+            kind = self._grid.at_node[row.csdms].dtype
+            if kind.kind != "f":
+                raise InputError(
+                    f"{what}: {row.csdms} has dtype {kind}: must be float, it is written in place"
+                )
+
     def _show(self) -> None:
         fields, node = self._model.fields(), self._grid.node_at_cell
         for row in _OUTPUTS:
+            if row.csdms not in self._grid.at_node:
+                continue  # the step that missed it has failed, and the others are put back
             array = self._grid.at_node[row.csdms]
             array[:] = 0.0
             if row.name in fields:  # a scene without wind has no stress of the air

@@ -68,7 +68,11 @@ class _Column:
             raise InputError(
                 f"floes.{self.name}: all floes are alike; list a spread in the contact law"
             )
-        given = _motion_bits(values) if self.name == "motion" else unmasked(values)
+        given = _motion_bits(values) if self.name == "motion" else _numbers(self.name, values)
+        if given.shape not in ((), (len(floes),)):
+            raise InputError(
+                f"{self.name} has shape {given.shape}: must be one number or {len(floes)} values, one a floe"
+            )
         floes._columns[self.name][: len(floes)] = given
 
 

@@ -285,6 +285,8 @@ class Model:
         check_domain(domain)
         _check_kinds(floes, grid, walls, inflow, step, atmosphere_grid)
         self.domain, self.floes, self.contact = domain, floes, contact
+        if not isinstance(forces, Iterable):
+            raise InputError(f"forces = {forces!r}: must be a list of forces, as [OceanDrag()]")
         self.forces = tuple(forces)
         self.step, self.sampling = step, sampling
         self.walls = tuple(walls)
@@ -359,7 +361,7 @@ class Model:
                 f"contact = {self.contact!r}: must be a Contact, as frictional() or cohesive() make"
             )
         check(self.forces)
-        check(self.contact or ())
+        check([self.contact])
         check_bonds(self.contact)
         if self.sampling not in ("overlap", "centre"):
             raise InputError(
@@ -382,7 +384,7 @@ class Model:
                 raise InputError(f"{name} = {value!r}: must be greater than 0")
         if not (isinstance(self.seed, Integral) and self.seed >= 0):
             raise InputError(f"seed = {self.seed!r}: must be a whole number, at least 0")
-        if not (isinstance(self.threads, int) and self.threads >= 1):
+        if not (isinstance(self.threads, Integral) and self.threads >= 1):
             raise InputError(f"threads = {self.threads!r}: must be a whole number, at least 1")
         if self.draft_fraction > 1:
             raise InputError(f"draft_fraction = {self.draft_fraction!r}: must be at most 1")

@@ -37,11 +37,23 @@ def check(laws: Iterable[object]) -> None:
         if law is None:
             continue
         hints = get_type_hints(type(law), include_extras=True)
+        laws_of = {name: _laws(hint) for name, hint in hints.items()}
+        known = [kind for kinds in laws_of.values() for kind in kinds]
         for name, value in law._asdict().items():
-            if hasattr(value, "_asdict"):  # a law within a law
-                check([value])
-            else:
-                _check_number(f"{type(law).__name__}.{name}", value, hints[name])
+            place = f"{type(law).__name__}.{name}"
+            if not laws_of[name]:
+                _check_number(place, value, hints[name])
+            elif value is not None or type(None) not in _parts(hints[name]):
+                _check_law(place, value, laws_of[name], known)
+
+
+def _check_law(place: str, value: object, kinds: list[type], known: list[type]) -> None:
+    """A law within a law is of these kinds, or of one that somebody added, not of another known one."""
+    kind = type(value)
+    if not hasattr(kind, "_fields") or (kind in known and kind not in kinds):
+        names = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"{place} = {value!r}: must be of the kind {names}")
+    check([value])
 
 
 def unmasked(values: ArrayLike) -> np.ndarray:
@@ -85,6 +97,11 @@ def _check_number(place: str, value: object, hint: object) -> None:
                 limit = getattr(part, name)
                 if not holds(one, limit):
                     raise InputError(f"{place} = {value!r}: must be {words} {limit}")
+
+
+def _laws(hint: object) -> list[type]:
+    """The kinds of law that a type allows."""
+    return [part for part in _parts(hint) if hasattr(part, "_fields")]
 
 
 def _parts(hint: object) -> Iterator[object]:

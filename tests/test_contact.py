@@ -267,6 +267,14 @@ def test_the_papers_lever_arm_breaks_angular_momentum_and_the_default_does_not()
         (cohesive(tensile_strength=-1.0), "tensile_strength"),
         (Contact(Elastic(float("nan"))), "youngs_modulus"),
         (Contact(dashpot=Restitution(1.5)), "coefficient"),
+        (Contact(None), "Contact.elastic = None: must be of the kind Elastic"),
+        (Contact(Coulomb()), r"Contact.elastic = Coulomb\(.*: must be of the kind Elastic"),
+        (Contact(friction=0.3), "Contact.friction = 0.3: must be of the kind Coulomb or Dams"),
+        (Contact(friction=Coulomb), "Contact.friction = <class.*: must be of the kind Coulomb"),
+        (
+            Contact(bonds=TensileStrength(healing=1.0)),
+            "TensileStrength.healing = 1.0: must be of the kind Healing",
+        ),
     ],
 )
 def test_a_law_out_of_its_bounds_is_refused_by_name(law, name):

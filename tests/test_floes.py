@@ -68,6 +68,23 @@ def test_a_wrong_value_is_refused_with_its_floe_and_what_would_be_right(given, s
     assert said in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("u", [1.0, 2.0], r"u has shape \(2,\): must be one number or 3 values, one a floe"),
+        ("x", [[1.0, 2.0, 3.0]], r"x has shape \(1, 3\): must be a number or a row"),
+        ("motion", [1, 2], r"motion has shape \(2,\): must be one number or 3 values"),
+        ("v", "fast", "v = 'fast': must be a number"),
+    ],
+)
+def test_a_refused_assignment_names_the_property_and_leaves_it_as_it_was(name, values, said):
+    floes = three()
+    before = floes.copy()
+    with pytest.raises(InputError, match=said):
+        setattr(floes, name, values)
+    assert floes.same(before)
+
+
 def test_a_refused_addition_names_the_floe_it_would_have_been_and_leaves_all_as_it_was():
     floes = three()
     with pytest.raises(InputError, match="floe 4: radius = -1.0 m"):

@@ -309,6 +309,8 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
         (lambda: SeaIceFloes(grid(FRACTION)), f"alone; floes need {FRACTION} and {THICKNESS}"),
         (lambda: SeaIceFloes(grid(), scene="two-floes", forces=[]), "forces is given beside a scene"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=(1.0, 2.0, 3.0)), "sizes"),
+        (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=("a", "b")), "must be .smallest, largest"),
+        (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=np.ones(3)), "must be .smallest, largest"),
     ]  # fmt: skip
     for call, text in cases:
         with pytest.raises(ValueError, match=text) as caught:
@@ -330,6 +332,21 @@ def test_an_input_that_somebody_took_away_is_missed_in_one_line():
     grid.at_node.pop(U)
     with pytest.raises(InputError, match=f"{U}: is not at the grid's nodes"):
         ice.run_one_step(1.0)
+
+
+def test_an_output_that_cannot_be_written_is_refused_in_one_line():
+    grid = RasterModelGrid((5, 6), xy_spacing=1000.0)
+    grid.add_ones(FRACTION, at="node", dtype=int)
+    grid.add_ones(THICKNESS, at="node")
+    floes = Floes([2500.0], 2000.0, 500.0, 1.0)
+    with pytest.raises(InputError, match=f"{FRACTION} has dtype int64: must be float"):
+        SeaIceFloes(grid, floes=floes)  # its fractions would all be cut to 0
+    grid.at_node.pop(FRACTION)
+    ice = SeaIceFloes(grid, floes=floes)
+    grid.at_node.pop(FRACTION)
+    with pytest.raises(InputError, match=f"{FRACTION} is not at the grid's nodes"):
+        ice.run_one_step(60.0)
+    assert ice.model.time == 0.0
 
 
 def test_floes_are_a_data_record_with_the_cell_of_each():

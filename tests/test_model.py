@@ -235,6 +235,7 @@ def test_speeds_of_no_current_wind_or_floe_are_refused_before_drag_is_after_them
         ({"step": 0.3}, "step = 0.3: must be of the kind Step"),
         ({"seed": -1}, "seed = -1: must be a whole number"),
         ({"ice_density": "934"}, "ice_density = '934': must be greater than 0"),
+        ({"forces": None}, r"forces = None: must be a list of forces, as \[OceanDrag\(\)\]"),
     ],
 )  # fmt: skip
 def test_a_part_of_another_kind_is_refused_by_its_name(part, said):
