@@ -7,11 +7,13 @@ well-known name; two that fit, or none, is an error that lists what is there.  N
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -94,7 +96,7 @@ def open_files(path: Source) -> list[File]:
     Raises
     ------
     InputError
-        for a file that is not there or not readable.
+        for a file that is not there, not readable, or shorter than its header says.
     """
     import xarray as xr
 
@@ -116,6 +118,8 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
             f"{path}: no such file" + (f"; {hint}" if hint.startswith("did you") else "")
         )
     zarr = path.is_dir()
+    if not zarr:
+        _refuse_if_cut(path)
     try:
         data = xr.open_dataset(
             path, engine="zarr" if zarr else None, cache=False, decode_timedelta=False
@@ -130,6 +134,75 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
             f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}"
         ) from error
     return File(path.name, data)
+
+
+def _refuse_if_cut(path: Path) -> None:
+    """InputError for a file of NetCDF's classic formats that ends before its data do.
+
+    The library reads what is missing as zeros, which are as good currents or ice as any; of NetCDF-4 files, HDF5
+    sees it.  Only the header is read.
+    """
+    try:
+        with open(path, "rb") as file:
+            told, size = _classic_length(file), path.stat().st_size
+    except (OSError, struct.error, IndexError):
+        return  # no file to read, or no such header: let the library say what it is
+    if size < told:
+        raise InputError(f"{path}: was cut short: it has {size} bytes of {told}")
+
+
+# bytes of a value of each type: byte, char, short, int, float, double; CDF-5 goes on to uint64
+_CLASSIC_SIZES = dict(enumerate((1, 1, 2, 4, 4, 8, 1, 2, 4, 8, 8), start=1))
+
+
+def _classic_length(file: BinaryIO) -> int:
+    """Bytes that a file of formats CDF-1, 2 or 5 must have by its header, but for padding at its end; 0 for another."""
+    magic = file.read(4)
+    if magic[:3] != b"CDF" or magic[3:] not in (b"\1", b"\2", b"\5"):
+        return 0
+    count, place = {1: (">I", ">I"), 2: (">I", ">Q"), 5: (">Q", ">Q")}[magic[3]]
+
+    def number(kind: str) -> int:
+        return int(struct.unpack(kind, file.read(struct.calcsize(kind)))[0])
+
+    def skip(size: int) -> None:
+        file.seek(size + -size % 4, os.SEEK_CUR)
+
+    def entries() -> range:
+        number(">I")  # the tag of a list
+        return range(number(count))
+
+    def skip_attributes() -> None:
+        for _ in entries():
+            skip(number(count))
+            size = _CLASSIC_SIZES.get(number(">I"), 0)
+            skip(size * number(count))
+
+    records = number(count)
+    if records == 256 ** struct.calcsize(count) - 1:
+        records = 0  # of a stream, which does not know how many come
+    lengths = []
+    for _ in entries():
+        skip(number(count))
+        lengths.append(number(count))
+    skip_attributes()
+    ends, of_records = [0], []
+    for _ in entries():
+        skip(number(count))
+        shape = [lengths[number(count)] for _ in range(number(count))]
+        skip_attributes()
+        value = _CLASSIC_SIZES.get(number(">I"), 0)
+        number(count)  # vsize, which cannot tell sizes over 4 GiB
+        begin = number(place)
+        if shape and shape[0] == 0:  # the dimension of records has length 0 in the header
+            of_records.append((begin, value * math.prod(shape[1:])))
+        else:
+            ends.append(begin + value * math.prod(shape))
+    alone = len(of_records) == 1  # then records are not padded
+    step = sum(size + (0 if alone else -size % 4) for _, size in of_records)
+    if records:
+        ends += [begin + (records - 1) * step + size for begin, size in of_records]
+    return max(ends)
 
 
 # ---------------------------------------------------------------------------------------------- names
