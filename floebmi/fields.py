@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import os
 import re
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from floebmi.classic import length_by_header
 from floebmi.errors import InputError, choose
 
 if TYPE_CHECKING:
@@ -94,7 +96,7 @@ def open_files(path: Source) -> list[File]:
     Raises
     ------
     InputError
-        for a file that is not there or not readable.
+        for a file that is not there, not readable, or shorter than its header says.
     """
     import xarray as xr
 
@@ -116,6 +118,8 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
             f"{path}: no such file" + (f"; {hint}" if hint.startswith("did you") else "")
         )
     zarr = path.is_dir()
+    if not zarr:
+        _refuse_if_cut(path)
     try:
         data = xr.open_dataset(
             path, engine="zarr" if zarr else None, cache=False, decode_timedelta=False
@@ -130,6 +134,21 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
             f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}"
         ) from error
     return File(path.name, data)
+
+
+def _refuse_if_cut(path: Path) -> None:
+    """InputError for a file of NetCDF's classic formats that ends before its data do.
+
+    The library reads what is missing as zeros, which are as good currents or ice as any; of NetCDF-4 files, HDF5
+    sees it.
+    """
+    try:
+        with open(path, "rb") as file:
+            told, size = length_by_header(file), path.stat().st_size
+    except (OSError, struct.error, IndexError):
+        return  # no file to read, or no such header: let the library say what it is
+    if size < told:
+        raise InputError(f"{path}: was cut short: it has {size} bytes of {told}")
 
 
 # ---------------------------------------------------------------------------------------------- names

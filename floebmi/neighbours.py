@@ -62,10 +62,17 @@ def find_pairs(
                 f"domain.{name}: period = {length:g} m; must be at least four times the reach of "
                 f"the largest floe, {4 * widest:g} m"
             )
-    x, y = (np.ascontiguousarray(values, np.float64) for values in (x, y))
+    x, y = (_within(np.asarray(v, np.float64), p) for v, p in zip((x, y), period, strict=True))
     land = np.zeros(n, np.bool_) if land is None else land
     lengths = (np.inf if length is None else float(length) for length in period)
     return Pairs(*_find(x, y, reach, land, *lengths))
+
+
+def _within(values: np.ndarray, period: float | None) -> np.ndarray:
+    """Positions brought within one period of the least, as the search needs them."""
+    if period is not None:
+        values = values - period * np.floor((values - values.min()) / period)
+    return np.ascontiguousarray(values)
 
 
 @jit

@@ -426,7 +426,7 @@ def _label(text: str, units: str) -> str:
     """Text and units, with the exponents raised."""
     words = []
     for word in units.split():
-        letters = word.rstrip("-0123456789")
+        letters = word.rstrip("-0123456789") or word  # the unit 1 is no exponent
         words.append(letters + word[len(letters) :].translate(RAISED))
     return f"{text} [{' '.join(words)}]"
 

@@ -731,6 +731,7 @@ class Scene(Table):
         for k, group in enumerate(self.floes):
             with self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
                 groups.append(group.finish(self._arrange(group, k, domain, grid, coast)))
+                _check_inside(groups[-1], domain)
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
         with self.place(""):
             model = Model(
@@ -949,6 +950,23 @@ def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
     if y is not None:
         domain = domain._replace(y=y, south="inactive", north="inactive")
     return domain
+
+
+def _check_inside(floes: Floes, domain: Domain) -> None:
+    """Refuse free floes beyond an edge that is not periodic: a wall would shoot them off, the others let them out."""
+    out = np.zeros(len(floes), bool)
+    for values, (low, high), period in zip(
+        (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True
+    ):
+        if period is None:
+            out |= (values < low) | (values > high)
+    out &= floes.motion == 0
+    if out.any():
+        k = int(out.argmax())
+        raise InputError(
+            f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
+            f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
+        )
 
 
 def _on_land(polygons: list[np.ndarray], grid: Grid) -> np.ndarray:

@@ -8,6 +8,7 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from floebmi.errors import InputError
+from floebmi.fields import open_files
 from floebmi.forcing import Constant, Function, VelocityFile
 from floebmi.grid import Grid
 from floebmi.projection import to_lonlat, to_plane
@@ -605,6 +606,29 @@ def test_a_file_that_is_not_there_or_not_a_grid_is_an_error_in_one_line(tmp_path
     mesh = xr.Dataset({n: ("node", np.zeros(9), M_PER_S) for n in ("uo", "vo")})
     with pytest.raises(InputError, match="meshes and trajectories are not read"):
         VelocityFile(mesh, square())
+
+
+@pytest.mark.parametrize(
+    "kind", ["NETCDF3_CLASSIC", "NETCDF3_64BIT", "NETCDF3_64BIT_DATA", "NETCDF4"]
+)
+@pytest.mark.parametrize("records", ["of all", "of one", "none"])
+def test_a_file_that_was_cut_short_is_refused(tmp_path, kind, records):
+    """The library reads zeros beyond the end of NetCDF's classic formats, a current as good as any."""
+    data = metres(0.1, 0.2).assign_attrs(title="odd", levels=np.arange(3, dtype="i2"))
+    if records != "none":
+        data = xr.concat([data, data], xr.Variable("time", [0.0, 3600.0], {"units": "s"}))
+        if records == "of one":  # its records are not padded
+            data = data.assign(vo=data.vo[0].drop_vars("time")).drop_vars("time")
+    data = data.drop_vars(["x", "y"])
+    data["uo"] = data.uo.astype("i2")  # 242 bytes, which are padded to 244 or not
+    path = tmp_path / "currents.nc"
+    data.to_netcdf(path, format=kind, engine="netcdf4", unlimited_dims=set(data.dims) & {"time"})
+    whole = path.read_bytes()
+    assert open_files(path)[0].data.equals(data)
+    for left in (len(whole) - 4, len(whole) - 200):
+        path.write_bytes(whole[:left])
+        with pytest.raises(InputError, match=r"cut short: it has|cannot be read as NetCDF"):
+            open_files(path)
 
 
 # ------------------------------------------------------------------------------------------------ time

@@ -65,3 +65,11 @@ def test_sorting_in_space_is_a_permutation_that_brings_neighbours_together():
     assert np.array_equal(np.sort(order), np.arange(4000))
     step = np.hypot(np.diff(x[order]), np.diff(y[order])).mean()
     assert step < 0.2 * np.hypot(np.diff(x), np.diff(y)).mean()
+
+
+def test_floes_periods_away_are_paired_as_their_images_are():
+    """They had been looked for in cells beyond the grid, which ended the process."""
+    y = np.array([50.0, 58.0, 20.0])
+    for away in (0.0, 300.0, -700.0):
+        pairs = find_pairs(np.full(3, 50.0), y + [0.0, away, 0.0], np.full(3, 5.0), (None, 100.0))
+        assert sorted((*pairs.i, *pairs.j)) == [0, 1]

@@ -415,3 +415,8 @@ def test_a_page_shows_shores_walls_and_periods(tmp_path):
 def test_a_page_that_cannot_be_made_is_refused(run, how, message):
     with pytest.raises(InputError, match=message):
         draw.page(run[1], **how)
+
+
+def test_the_unit_1_is_not_raised_as_an_exponent(run):
+    label = draw.field(run[0], "area_fraction").axes[1].get_ylabel()
+    assert label.endswith("[1]")

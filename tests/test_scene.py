@@ -311,6 +311,29 @@ velocity = [0.5, 0]
     assert len(other) != len(floes) or not np.array_equal(floes.x, other.x)
 
 
+def test_free_floes_beyond_an_edge_are_refused_with_their_place(write):
+    write("x,y,radius\n50,50,5\n50,350,5\n", "floes.csv")
+    text = """
+contact = "frictional"
+[domain]
+x = [0, 100]
+y = [0, 100]
+south = "EDGE"
+north = "EDGE"
+[floes]
+arrangement = "file"
+file = "floes.csv"
+thickness = 1
+"""
+    for edge in ("closed", "inactive"):
+        with pytest.raises(InputError, match=r"\[floes\] 1 of 2 floes lie outside .* y = 350 m"):
+            read_scene(write(text.replace("EDGE", edge))).build()
+        held = read_scene(write(text.replace("EDGE", edge)), ["floes.motion=fixed"])
+        assert len(held.build().model.floes) == 2
+    write("x,y,radius\n50,50,5\n50,330,5\n", "floes.csv")
+    assert len(read_scene(write(text.replace("EDGE", "periodic"))).build().model.floes) == 2
+
+
 def test_sizes_and_floes_come_from_files_beside_the_scene(write):
     write("radius\n5\n6\n7\n", "sizes.csv")
     write("x,y,radius,thickness\n50,50,5,1\n", "floes.csv")
