@@ -221,6 +221,8 @@ class SeaIceFloes(Component):
         sources = [name for name, value in given.items() if value is not None]
         if len(sources) > 1:
             raise InputError(f"SeaIceFloes: {' and '.join(sources)} are given: give one of them")
+        if not isinstance(coast, Coast | None):
+            raise InputError(f"SeaIceFloes: coast = {coast!r}: must be a Coast, or None")
         if scene is not None:
             laws = {"contact": contact, "forces": forces, "domain": domain, "coast": coast}
             named = [name for name, value in laws.items() if value is not None]

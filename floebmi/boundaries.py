@@ -147,7 +147,8 @@ def build_walls(
     Raises
     ------
     InputError
-        for an unknown or periodic edge, two walls at one edge, or a loaded wall that has nothing to load.
+        for an unknown or periodic edge, two walls at one edge, a mass without a load, or a loaded wall that has
+        nothing to load.
     """
     check(walls)
     listed = {}
@@ -156,6 +157,10 @@ def build_walls(
         if wall.edge in listed:
             raise InputError(
                 f"wall.edge = {wall.edge!r}: there are two walls at this edge; use one"
+            )
+        if wall.mass is not None and wall.normal_stress is None:
+            raise InputError(
+                f"wall.mass = {wall.mass!r}: is of a loaded wall; give it a normal_stress, or leave it out"
             )
         listed[wall.edge] = wall
     for edge in EDGES:

@@ -277,6 +277,7 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(sampling="exact"), "sampling"),
         (dict(walls=[Wall("west", position=np.nan)]), "Wall.position"),
         (dict(walls=[Wall("west", normal_stress=1e3, mass=-1.0)]), "Wall.mass"),
+        (dict(walls=[Wall("west", mass=1e6)]), "wall.mass = 1000000.0: is of a loaded wall"),
         (dict(walls=[Wall("west", normal_stress=1e3, damping=-1.0)]), "Wall.damping"),
         (dict(inflow=Inflow("west", SingleSize(5.0), thickness=-1.0)), "Inflow.thickness"),
         (dict(inflow=Inflow("west", SingleSize(5.0), velocity=(np.nan, 0.0))), "Inflow.velocity"),

@@ -311,6 +311,7 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=(1.0, 2.0, 3.0)), "sizes"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=("a", "b")), "must be .smallest, largest"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=np.ones(3)), "must be .smallest, largest"),
+        (lambda: SeaIceFloes(grid(), coast=5), "coast = 5: must be a Coast"),
     ]  # fmt: skip
     for call, text in cases:
         with pytest.raises(ValueError, match=text) as caught:
