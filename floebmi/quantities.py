@@ -101,7 +101,7 @@ def _check_number(place: str, value: object, hint: object) -> None:
 
 def _laws(hint: object) -> list[type]:
     """The kinds of law that a type allows."""
-    return [part for part in _parts(hint) if hasattr(part, "_fields")]
+    return [part for part in _parts(hint) if isinstance(part, type) and hasattr(part, "_fields")]
 
 
 def _parts(hint: object) -> Iterator[object]:
