@@ -29,7 +29,8 @@ def cli(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def sheared():
-    return shear.member(SMALL_SHEAR, 1)
+    # long enough, and looked at often enough, for a mean: over a minute the wall met 10 to 40 kPa, by seed and processor
+    return shear.member(SMALL_SHEAR | {"duration": 600.0, "interval": 0.5}, 1)
 
 
 # ---- the table --------------------------------------------------------------------------------
@@ -94,7 +95,7 @@ def test_the_pack_bears_a_shear_stress_and_moves_less_towards_the_floes_that_sta
     lower, upper = np.array_split(seen, 2)
     assert lower.mean() < 0.6 * upper.mean()
     assert 0 < sheared["shear_stress"] < 20e3
-    assert sheared["normal_stress_met"] == pytest.approx(20e3, rel=0.3)
+    assert sheared["normal_stress_met"] == pytest.approx(20e3, rel=0.2)  # 18 to 21 kPa of six seeds
 
 
 def test_the_force_on_the_driven_floes_is_what_the_ledger_books_for_held_ones():
