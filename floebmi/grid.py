@@ -196,8 +196,7 @@ class Grid:
             if len(sides) != 2:
                 raise InputError(f"grid: spacing = {spacing!r}: must be a number, or two (dx, dy)")
             nx, ny = _divide("x", west, east, sides[0]), _divide("y", south, north, sides[1])
-        if nx * ny > MOST_CELLS:
-            raise InputError(f"grid: {ny} × {nx} cells: must be at most {MOST_CELLS} in all")
+        _check_number(ny, nx)
         edges = np.linspace(west, east, nx + 1), np.linspace(south, north, ny + 1)
         return cls._from_edges("uniform_rectilinear", *edges, wet)
 
@@ -210,9 +209,10 @@ class Grid:
         Raises
         ------
         InputError
-            for fewer than two edges, or edges that do not grow.
+            for fewer than two edges, edges that do not grow, more cells than int32 counts.
         """
         edges = _edges("x_edges", x_edges), _edges("y_edges", y_edges)
+        _check_number(len(edges[1]) - 1, len(edges[0]) - 1)
         return cls._from_edges("rectilinear", *edges, wet)
 
     @classmethod
@@ -443,6 +443,11 @@ def _counts(shape: tuple[int, int]) -> tuple[int, int]:
     if not counts or any(int(n) != n or n < 1 for n in shape):
         raise InputError(f"grid: shape = {shape}: must be (ny, nx), whole numbers of 1 or more")
     return int(shape[0]), int(shape[1])
+
+
+def _check_number(ny: int, nx: int) -> None:
+    if nx * ny > MOST_CELLS:
+        raise InputError(f"grid: {ny} × {nx} cells: must be at most {MOST_CELLS} in all")
 
 
 def _divide(name: str, low: float, high: float, spacing: float) -> int:

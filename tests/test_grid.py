@@ -160,6 +160,7 @@ NOTCH = ([0.0, 4.0, 4.0, 0.0, 2.0], [0.0, 0.0, 4.0, 4.0, 0.0])
             "inf cells: must be at most 2147483647",
         ),
         (lambda: Grid.uniform((0, 1), (0, 1), shape=(10**6, 10**6)), "1000000 × 1000000 cells"),
+        (lambda: Grid.rectilinear(np.arange(5e4), np.arange(5e4)), "49999 × 49999 cells"),
         (lambda: Grid.uniform((0, 1), (0, 1), shape=(0, 3)), "whole numbers"),
         (lambda: Grid.rectilinear([0, 1, 1], [0, 1]), r"x_edges\[2\] = 1.0"),
         (lambda: Grid.rectilinear([0], [0, 1]), "two or more"),
