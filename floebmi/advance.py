@@ -70,7 +70,7 @@ CLOSING = 0.3
 MOST_STEPS = 1e12  # of one exchange: they would take hours for a single floe
 NARROWEST, WIDEST = 3.0, 6.0  # how much wider than that the list of pairs is
 FEW = 3000  # a list costs as much as one of so many floes more would: few floes rather have a wider one
-NEAR = 0.1  # the skin of the short list, of the same
+NEAR = 0.05  # the skin of the short list at least, of the same
 
 
 @dataclass

@@ -80,6 +80,7 @@ def usual_fraction(scheme: str, contact: Contact | None) -> float:
     return 0.85 if scheme == "verlet" and rubs and not more else 0.3
 
 
+LASTING = 32.0  # ways of the fastest floe in a step: a short list with that skin is good for 14 steps
 NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
 WALL = np.dtype(
     [
@@ -114,8 +115,8 @@ class Lists(NamedTuple):
     pairs: PairList  # of the short list, with what they remember
     tiles: Tiles
     blows: np.ndarray  # room for those of two tiles, see `pairs.note_blows`
-    gap: float  # the short list holds pairs nearer than this [1] and the skin [m], see `pairs.narrow`
-    skin: float
+    gap: float  # the short list holds pairs nearer than this [1] and its skin [m], see `pairs.narrow`
+    skin: float  # with the first forces of an exchange, and later at least; see `wide_enough`
 
 
 class Walls(NamedTuple):
@@ -638,19 +639,20 @@ def verlet(
     p, near, last = packed, lists.near, lists.near.counts.size
     # a zero, but no literal: for one the compiler would make kernels of their own
     first = last - last
-    done, kicks, since = 0, (0.0, first_kick), 0.0
+    done, kicks, since, skin = 0, (0.0, first_kick), 0.0, lists.skin
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
             travelled = strayed(p.floes, walls.walls, marked)
             if not travelled < NEARLY * reach:
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
-        anew = is_stale(since, way, lists.skin)
+        anew = is_stale(since, way, skin)
         fastest = move_walls(walls.walls, kicks, dt)
         for half in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
             if half == 1:
+                skin = wide_enough(lists.skin, way)
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
-                       lists.skin + 2.0 * way)  # fmt: skip
+                       skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
                 laws, forces, at, p, lists, walls, first, last, half == 0, half == 1 or not anew,
                 kicks, dt, pushed, substeps, books, (*buffers, lists.blows),
@@ -693,6 +695,15 @@ def way_of_walls(walls, positions):
 @way_of_walls.register
 def _(walls: None, positions):
     return 0.0
+
+
+@in_place
+def wide_enough(skin, way):
+    """Skin of a short list [m], such that it lasts for some steps while floes move as fast as now.
+
+    skin : at least; way : of the fastest floe in a step [m]
+    """
+    return max(skin, LASTING * way)
 
 
 @in_place

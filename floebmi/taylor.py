@@ -12,6 +12,7 @@ from floebmi.dynamics import (
     is_stale,
     kick_walls,
     touch,
+    wide_enough,
 )
 from floebmi.forces import (
     accelerations,
@@ -41,12 +42,13 @@ def taylor(
     start, constraint = parts - parts, books.held[parts - 1]
     ahead = 0.5 if third_order else 0.0
     pair_buffer, _ = buffers
-    done, way, since = 0, 0.0, np.inf
+    done, way, since, skin = 0, 0.0, np.inf, lists.skin
     while done < steps and travelled < reach:
         forget(p.spinning, p.force)
-        if is_stale(since, way, lists.skin):
+        if is_stale(since, way, skin):
+            skin = wide_enough(lists.skin, way)
             narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,
-                   lists.skin + 2.0 * way)  # fmt: skip
+                   skin + 2.0 * way)  # fmt: skip
             since = 0.0
         for tile in range(parts):
             touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer, lists.blows[0])

@@ -20,6 +20,7 @@ from floebmi.dynamics import (
     sweep,
     time_left_to_push,
     time_to_push,
+    wide_enough,
 )
 from floebmi.forces import FORCE_BUFFER
 from floebmi.kernels import in_place
@@ -83,7 +84,7 @@ def _share(
     bounds : tiles of each thread; counter : see `meet`; fastest : (threads, LINE), the largest speed² of each
     """
     p, seams = packed, lists.tiles.coast.size
-    done, kicks, since, times = 0, (0.0, first_kick), 0.0, 0
+    done, kicks, since, skin, times = 0, (0.0, first_kick), 0.0, lists.skin, 0
     while done < steps:
         if not travelled < reach:
             travelled = strayed(p.floes, walls.walls, marked)
@@ -91,17 +92,19 @@ def _share(
             if not travelled < NEARLY * reach:
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
-        anew = is_stale(since, way, lists.skin)
+        anew = is_stale(since, way, skin)
         for turn in range(
             3
         ):  # move, and touch at once unless the list is made anew; touch; touch across seams
             if turn == 1 and not anew:
                 continue
             first, end = (bounds[thread], bounds[thread + 1]) if turn < 2 else (seams, seams + 1)
+            if turn == 1:
+                skin = wide_enough(lists.skin, way)
             if turn < 2 or thread == 0:
                 if anew and turn > 0:
                     narrow(laws.period_x, laws.period_y, p.floes, lists.near, first, end, lists.gap,
-                           lists.skin + 2.0 * way)  # fmt: skip
+                           skin + 2.0 * way)  # fmt: skip
                 speed2 = sweep(
                     laws, forces, at, p, lists, walls, first, end, turn == 0, turn > 0 or not anew,
                     kicks, dt, pushed, substeps, books, buffers,
