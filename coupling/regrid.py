@@ -66,6 +66,7 @@ CAP = np.cos(np.radians(60.0))  # how far from its middle the target may reach
 HORIZON = np.cos(np.radians(82.0))  # source cells beyond this are left out …
 LARGEST_CELL = np.cos(np.radians(20.0))  # … which is safe if none is larger than this
 ROUND_OFF = 1e-14  # overlaps below this share of both cells are round-off of touching edges
+OVER = 1e-6  # a cell covered by more than this beyond its area is covered twice
 FORMAT = "floebmi overlap areas, version 1"
 
 
@@ -79,7 +80,7 @@ class Regrid:
     surface : "plane", x and y in metres in the same plane; or "sphere", longitude and latitude in degrees
     radius : of the sphere [m]
     source_area : (source.size,) the cell areas as the host counts them [m²], if they are not those of the
-        grid as it is drawn here; they divide the flux
+        grid as it is drawn here; they divide the flux.  What stands on dry cells is not looked at
 
     Attributes
     ----------
@@ -91,8 +92,9 @@ class Regrid:
     Raises
     ------
     InputError
-        for grids that do not meet, areas of a wrong size, latitudes beyond 90 degrees, a target that
-        reaches more than 60 degrees from its middle, a radius that is not greater than 0.
+        for grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
+        beyond 90 degrees, a target that reaches more than 60 degrees from its middle, a radius that is not
+        greater than 0.
 
     Examples
     --------
@@ -124,13 +126,15 @@ class Regrid:
             if surface == "plane"
             else _overlaps_sphere(source, target, radius)
         )
-        area = drawn_area if source_area is None else _areas(source_area, source.size)
+        area = drawn_area if source_area is None else _areas(source_area, source.wet, drawn_area)
         self._assemble(source, target, surface, overlap, area, target_area)
         if self.overlap.nnz == 0:
             raise InputError(
                 f"regrid: no wet cell of {source!r} meets a wet cell of {target!r}:"
                 " are both in the same plane and the same units?"
             )
+        _refuse_doubles("target", "source", self.covered)
+        _refuse_doubles("source", "target", overlap.sum(axis=0) / drawn_area)
 
     def _assemble(
         self,
@@ -399,16 +403,29 @@ def _by_area(normalisation: Normalisation) -> bool:
     return normalisation == "destination_area"
 
 
-def _areas(values: np.ndarray, size: int) -> np.ndarray:
-    values = np.array(values, np.float64).ravel()
-    if values.size != size:
-        raise InputError(f"regrid: source_area has {values.size} values for {size} cells")
-    bad = np.flatnonzero(~((values > 0) & np.isfinite(values)))
+def _areas(values: np.ndarray, wet: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """The host's areas; dry cells, which take no part, have those that were drawn."""
+    values = unmasked(values).ravel()
+    if values.size != wet.size:
+        raise InputError(f"regrid: source_area has {values.size} values for {wet.size} cells")
+    bad = np.flatnonzero(wet & ~((values > 0) & np.isfinite(values)))
     if bad.size:
         raise InputError(
             f"regrid: source_area[{bad[0]}] = {values[bad[0]]}: must be greater than 0"
         )
-    return values
+    return np.where(wet, values, drawn)
+
+
+def _refuse_doubles(one: str, other: str, covered: np.ndarray) -> None:
+    """A cell that is covered more than once: cells of the other grid lie on each other, as those of a halo do."""
+    doubled = np.flatnonzero(covered > 1 + OVER)
+    if doubled.size:
+        k = doubled[0]
+        raise InputError(
+            f"regrid: cell {k} of the {one} is covered {covered[k]:.3g} times ({doubled.size} such cells): wet"
+            f" cells of the {other} lie on each other; leave out those that are there twice (a halo, a turn of"
+            " more than 360 degrees), or make them dry"
+        )
 
 
 def _wet_only(overlap: csr_array, source: Grid, target: Grid) -> csr_array:

@@ -441,6 +441,37 @@ def test_what_cannot_be_used_is_refused_in_one_line():
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("surface", ["parallels", "great circles"])
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_a_halo_would_count_cells_twice_and_is_refused(surface, side):
+    """Columns 0 and 37 are there again as 36 and 1; with the halo dry all is well."""
+    make = lonlat if surface == "parallels" else warped
+    flat = {} if surface == "parallels" else {"warp": 0.0}
+    halo = make((4, 38), (-10.0, 370.0, 60.0, 80.0), **flat)
+    once = make((5, 30), (-180.0, 180.0, 62.0, 78.0), **flat)
+    other = "target" if side == "source" else "source"
+
+    def weights(halo):
+        return Regrid(halo, once, "sphere") if side == "source" else Regrid(once, halo, "sphere")
+
+    with pytest.raises(InputError, match=f"cell .* of the {other} is covered .*halo") as caught:
+        weights(halo)
+    assert "\n" not in str(caught.value)
+    cut = np.ones((4, 38), bool)
+    cut[:, [0, -1]] = False
+    covered = weights(halo.with_wet(cut)).covered
+    np.testing.assert_allclose(covered[covered > 0].max(), 1.0, rtol=1e-12)
+
+
+def test_of_the_hosts_areas_those_of_dry_cells_are_not_looked_at():
+    grid, dry = Grid.uniform((0, 2), (0, 1), 1), Grid.uniform((0, 2), (0, 1), 1, wet=[True, False])
+    area = np.ma.masked_array([2.0, 1e20], [False, True])  # as ocean models write it
+    with pytest.raises(InputError, match=r"source_area\[1\] = nan"):
+        Regrid(grid, grid, source_area=area)
+    for told in (area, [2.0, 0.0]):
+        assert Regrid(dry, grid, source_area=told).flux([1.0, 5.0]).tolist() == [0.5, 0.0]
+
+
 def test_what_lies_under_a_mask_is_no_value():
     grid, dry = Grid.uniform((0, 2), (0, 1), 1), Grid.uniform((0, 2), (0, 1), 1, wet=[True, False])
     values = np.ma.masked_array([1.0, 1e20], [False, True])
