@@ -254,6 +254,11 @@ class Regrid:
         Names are those of the weight files of ESMF and SCRIP's successors (`S` is normalised by destination
         area; `row`, `col` from 1; `area_a`, `mask_a`, `frac_a` of the source, `_b` of the target), which other
         regridders read; `overlap_area` [m²] is what is read back here.
+
+        Raises
+        ------
+        InputError
+            for a folder that is not there.
         """
         import netCDF4
 
@@ -272,23 +277,29 @@ class Regrid:
             "frac_a": (by_source / self.source_area, "n_a", "1", "share that the target covers"),
             "frac_b": (self.covered, "n_b", "1", "share that the source covers"),
         }
-        part = Path(f"{path}.part")
-        with netCDF4.Dataset(part, "w") as file:
-            file.format = FORMAT
-            file.map_method = "first-order conservative"
-            file.normalization = "destarea"
-            file.surface = self.surface
-            file.source_checksum = checksum(self.source)
-            file.target_checksum = checksum(self.target)
-            for name, size in (
-                ("n_a", self.source.size), ("n_b", self.target.size), ("n_s", rows.size)
-            ):  # fmt: skip
-                file.createDimension(name, size)
-            for name, (values, dimension, units, text) in fields.items():
-                variable = file.createVariable(name, values.dtype, (dimension,))
-                variable.units, variable.long_name = units, text
-                variable[:] = values
-        os.replace(part, path)
+        path = Path(path)
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: there is no folder {path.parent}")
+        part = path.with_name(f"{path.name}.part")
+        try:
+            with netCDF4.Dataset(part, "w") as file:
+                file.format = FORMAT
+                file.map_method = "first-order conservative"
+                file.normalization = "destarea"
+                file.surface = self.surface
+                file.source_checksum = checksum(self.source)
+                file.target_checksum = checksum(self.target)
+                for name, size in (
+                    ("n_a", self.source.size), ("n_b", self.target.size), ("n_s", rows.size)
+                ):  # fmt: skip
+                    file.createDimension(name, size)
+                for name, (values, dimension, units, text) in fields.items():
+                    variable = file.createVariable(name, values.dtype, (dimension,))
+                    variable.units, variable.long_name = units, text
+                    variable[:] = values
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
 
     @classmethod
     def from_netcdf(cls, path: str | Path, source: Grid, target: Grid) -> Regrid:
@@ -297,27 +308,42 @@ class Regrid:
         Raises
         ------
         InputError
-            for another kind of file, and for a file made for other grids or other masks (by checksum).
+            for a file that is not there, damaged or of another kind, and for one made for other grids or other
+            masks (by checksum).
         """
         import netCDF4
         from scipy.sparse import csr_array
 
-        with netCDF4.Dataset(path) as file:
-            file.set_auto_mask(False)
-            if getattr(file, "format", None) != FORMAT:
-                raise InputError(f"{path}: not a file of overlap weights ({FORMAT!r})")
-            for side, grid in (("source", source), ("target", target)):
-                if getattr(file, f"{side}_checksum") != checksum(grid):
-                    raise InputError(
-                        f"{path}: made for another {side} grid than {grid!r}: cells or mask differ;"
-                        " make the weights anew"
-                    )
-            entries = file["overlap_area"][:], (file["row"][:] - 1, file["col"][:] - 1)
-            overlap = csr_array(entries, shape=(target.size, source.size))
-            regrid = object.__new__(cls)
-            regrid._assemble(
-                source, target, file.surface, overlap, file["area_a"][:], file["area_b"][:]
-            )
+        path = Path(path)
+        if not path.is_file():
+            raise InputError(f"{path}: there is no such file")
+        damaged = InputError(f"{path}: is no NetCDF file, or a damaged one; make the weights anew")
+        try:
+            with netCDF4.Dataset(path) as file:
+                file.set_auto_mask(False)
+                told = {name: file.getncattr(name) for name in file.ncattrs()}
+                if told.get("format") != FORMAT:
+                    raise InputError(f"{path}: not a file of overlap weights ({FORMAT!r})")
+                area, row, column, source_area, target_area = (
+                    file[name][:] for name in ("overlap_area", "row", "col", "area_a", "area_b")
+                )
+        except (OSError, RuntimeError, IndexError):
+            raise damaged from None
+        for side, grid in (("source", source), ("target", target)):
+            if told.get(f"{side}_checksum") != checksum(grid):
+                raise InputError(
+                    f"{path}: made for another {side} grid than {grid!r}: cells or mask differ;"
+                    " make the weights anew"
+                )
+        whole = all(
+            (v > 0).all() and np.isfinite(v).all() for v in (area, source_area, target_area)
+        )
+        inside = ((row > 0) & (row <= target.size) & (column > 0) & (column <= source.size)).all()
+        if not (whole and inside and "surface" in told):
+            raise damaged
+        overlap = csr_array((area, (row - 1, column - 1)), shape=(target.size, source.size))
+        regrid = object.__new__(cls)
+        regrid._assemble(source, target, told["surface"], overlap, source_area, target_area)
         return regrid
 
     def __repr__(self) -> str:

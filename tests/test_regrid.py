@@ -396,6 +396,34 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
         Regrid.from_netcdf(tmp_path / "other.nc", source, target)
 
 
+def test_a_file_of_weights_that_is_missing_or_damaged_is_one_line(tmp_path):
+    import netCDF4
+
+    grid = Grid.uniform((0, 4), (0, 4), 1)
+    path = tmp_path / "weights.nc"
+    Regrid(grid, grid).to_netcdf(path)
+    whole = path.read_bytes()
+    with pytest.raises(InputError, match="there is no such file"):
+        Regrid.from_netcdf(tmp_path / "none.nc", grid, grid)
+    with pytest.raises(InputError, match="there is no folder"):
+        Regrid(grid, grid).to_netcdf(tmp_path / "none" / "weights.nc")
+    (tmp_path / "folder.nc").mkdir()
+    with pytest.raises(OSError, match="folder.nc"):
+        Regrid(grid, grid).to_netcdf(tmp_path / "folder.nc")
+    assert not list(tmp_path.glob("*.part"))
+    for damaged in (b"no NetCDF", whole[: len(whole) // 2]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="damaged") as caught:
+            Regrid.from_netcdf(path, grid, grid)
+        assert "\n" not in str(caught.value)
+    for name, value in (("col", 17), ("row", 0), ("overlap_area", np.nan), ("area_a", -1.0)):
+        path.write_bytes(whole)
+        with netCDF4.Dataset(path, "a") as file:
+            file[name][3] = value
+        with pytest.raises(InputError, match="damaged"):
+            Regrid.from_netcdf(path, grid, grid)
+
+
 def test_the_checksum_knows_cells_and_mask_but_not_how_they_were_made():
     one = Grid.uniform((0, 10), (0, 10), shape=(5, 5))
     assert checksum(one) == checksum(Grid.uniform((0, 10), (0, 10), spacing=2.0))
