@@ -515,6 +515,8 @@ class FloeBmi(Bmi):
         """Advance to `time` [s], and land exactly on it; the current time does nothing."""
         now = self._now("update_until")
         try:
+            if isinstance(time, str | bytes):
+                raise TypeError  # float() reads text, too
             time = float(time)
         except (TypeError, ValueError):
             raise InputError(
@@ -829,12 +831,12 @@ def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
         raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
     if dest.size != values.size:
         raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
-    try:
-        np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
-    except TypeError:
-        raise InputError(
-            f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}"
-        ) from None
+    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # whole numbers would come round
+    if short or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
+        raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
+    if not dest.flags.writeable:
+        raise InputError(f"{what}: the buffer is read-only; must be writable")
+    np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
     return dest
 
 
@@ -849,11 +851,13 @@ def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:
+    if np.ma.is_masked(inds):
+        raise InputError(f"{name}: masked indices; must be integers from 0 to {size - 1}")
     inds = np.asarray(inds)
     if inds.size and inds.dtype.kind not in "iu":
         raise InputError(f"{name}: indices of type {inds.dtype}; must be integers")
-    inds = inds.ravel().astype(np.int64)
+    inds = inds.ravel()
     wrong = (inds < 0) | (inds >= size)
     if wrong.any():
         raise InputError(f"{name}: index {inds[wrong][0]}: must be from 0 to {size - 1}")
-    return inds
+    return inds.astype(np.int64)

@@ -536,3 +536,34 @@ def test_what_lies_under_a_mask_is_no_value(scene):
     with pytest.raises(InputError, match="nan at index 2, a wet cell: must be finite"):
         component.set_value(OCEAN[0], current)
     assert (component.get_value_ptr(OCEAN[0]) == 0.1).all()
+
+
+def test_buffers_and_indices_that_do_not_hold_the_values_are_refused(tmp_path: Path) -> None:
+    """Nodes from 128 on came round in a buffer of int8, to -128; what is masked was read all the same."""
+    (tmp_path / "scene.toml").write_text(SCENE.replace("shape = [3, 4]", "shape = [12, 16]"))
+    (tmp_path / "bmi.toml").write_text('[bmi]\nscene = "scene.toml"\ncells = "faces"\n')
+    component = started(tmp_path / "bmi.toml")
+    size = component.get_grid_size(0)
+    corners = 4 * component.get_grid_face_count(0)
+    for kind in ("int32", ">i4", "int64"):
+        nodes = component.get_grid_face_nodes(0, np.empty(corners, kind))
+        assert (nodes.min(), nodes.max()) == (0, size - 1)
+    fixed = np.zeros(192)
+    fixed.flags.writeable = False
+    far = np.array([2**63 + 5], np.uint64)
+    masked = np.ma.masked_array([1, 2], [False, True])
+    before = everything(component)
+    cases = [
+        (lambda: component.get_grid_face_nodes(0, np.empty(corners, np.int8)), "int8; must hold"),
+        (lambda: component.get_value(STRESS, np.empty(192, np.float16)), "float16; must hold"),
+        (lambda: component.get_value(STRESS, fixed), "read-only"),
+        (lambda: component.get_value_at_indices(STRESS, np.empty(1), far), "index 9223372036854775813"),
+        (lambda: component.get_value_at_indices(STRESS, np.empty(2), masked), "masked indices"),
+        (lambda: component.set_value_at_indices(OCEAN[0], masked, np.ones(2)), "masked indices"),
+        (lambda: component.update_until("60"), "time = '60': must be a number"),
+    ]  # fmt: skip
+    for call, words in cases:
+        with pytest.raises(InputError, match=words) as caught:
+            call()
+        assert "\n" not in str(caught.value)
+    assert same(before, everything(component))
