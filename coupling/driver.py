@@ -22,6 +22,9 @@ Only BMI calls are made, so either model may be in another process (grpc4bmi).  
 - *Units.*  UDUNITS (through cf_units) compares them; convertible units are converted, others refused.
 - *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept; velocities, tilt
   and the like with their mean kept; ice thickness and velocity are means over the ice, and weighted so.
+  A floes' cell that lies over the host's land in part gives all of its ice to the wet part, as it gives its
+  stress: an area fraction may pass 1 there.  Equal coasts avoid it; a host that can take no more than 1 says
+  `Link(fraction, "mean")`, and gets the mean over what the floes' cells cover of its own.
 - *Cells.*  BMI says where nodes are.  Nodes of a uniform rectilinear grid are taken for cell centres (faces,
   where the location says so); where cells do not follow from what BMI says, a `Grid` must be given.
   Coordinates are metres in one plane for both models; masks come with a given `Grid`, BMI has none.
