@@ -22,6 +22,9 @@ Only BMI calls are made, so either model may be in another process (grpc4bmi).  
 - *Units.*  UDUNITS (through cf_units) compares them; convertible units are converted, others refused.
 - *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept; velocities, tilt
   and the like with their mean kept; ice thickness and velocity are means over the ice, and weighted so.
+  A floes' cell that lies over the host's land in part gives all of its ice to the wet part, as it gives its
+  stress: an area fraction may pass 1 there.  Equal coasts avoid it; a host that can take no more than 1 says
+  `Link(fraction, "mean")`, and gets the mean over what the floes' cells cover of its own.
 - *Cells.*  BMI says where nodes are.  Nodes of a uniform rectilinear grid are taken for cell centres (faces,
   where the location says so); where cells do not follow from what BMI says, a `Grid` must be given.
   Coordinates are metres in one plane for both models; masks come with a given `Grid`, BMI has none.
@@ -56,13 +59,14 @@ from bmipy import Bmi
 from coupling.regrid import Regrid, checksum
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
+from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
     import cf_units
 
 Kind = Literal["integral", "mean"]
 
-SAME_TIME = 1e-9  # of an exchange interval
+SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
 PER_AREA = ("stress", "flux", "area_fraction", "mass-per-area", "coefficient")
 OVER_ICE = {  # means over the ice, and what weights them
     "sea_ice__thickness": "sea_ice__area_fraction",
@@ -91,7 +95,8 @@ class Link(NamedTuple):
 
     Parameters
     ----------
-    source : the giver's output; a running `time_integral_of` is differenced into a mean over the exchange
+    source : the giver's output; a running `time_integral_of` of the floes is differenced into a mean over
+        the exchange
     kind : "integral" (per cell area) or "mean"; None: by the name
     weight : output of the giver that weights the mean (area fraction, mass); None: by the name
     """
@@ -225,8 +230,13 @@ class Coupling:
         offset: float | None = None,
         rescue: str | Path | None = None,
     ) -> None:
-        if not (np.isfinite(every) and every > 0):
+        if not (is_number(every) and every > 0):
             raise InputError(f"couple: every = {every!r} s: must be greater than 0")
+        if offset is not None and not is_number(offset):
+            raise InputError(f"couple: offset = {offset!r} s: must be a finite number")
+        _check_kind("host_grids", host_grids, Grid)
+        _check_kind("floes_grids", floes_grids, Grid)
+        _check_kind("regrids", regrids, Regrid)
         self.every, self.rescue = float(every), rescue
         self.host = _Side("host", host, units or {}, host_grids or {})
         self.floes = _Side("floes", floes, units or {}, floes_grids or {})
@@ -241,6 +251,7 @@ class Coupling:
                 f" together in to_floes and to_host: floes want {', '.join(self.floes.inputs)}; host"
                 f" wants {', '.join(self.host.inputs) or 'nothing'}"
             )
+        self._refuse_idle(units or {}, regrids or {})
         filled = {connection.target for connection in self.to_floes + self.to_host}
         self.unmatched = tuple(
             f"{side.name}: {name}"
@@ -250,6 +261,26 @@ class Coupling:
         )
         self._turnover = 0.0
         self.ledger: list[Exchange] = []
+
+    def _refuse_idle(
+        self, units: Mapping[str, str], regrids: Mapping[tuple[int, int], Regrid]
+    ) -> None:
+        """What was given for a name or grid that is nowhere was given for another."""
+        names = {name for side in (self.host, self.floes) for name in (*side.inputs, *side.outputs)}
+        for name in units:
+            if name not in names:
+                raise InputError(
+                    f"couple: units of {name!r}: no such variable; {choose(name, names)}"
+                )
+        self.host.refuse_idle_grids()
+        self.floes.refuse_idle_grids()
+        pairs = {c.grids for c in self.to_floes + self.to_host}
+        for pair in regrids:
+            if pair not in pairs:
+                raise InputError(
+                    f"couple: regrids of {pair!r}: nothing goes between these grids; (host, floes) are"
+                    f" {', '.join(map(str, sorted(pairs)))}"
+                )
 
     def _connect(
         self, giver: _Side, taker: _Side, explicit: Mapping[str, str | Link | None]
@@ -268,6 +299,8 @@ class Coupling:
             if wanted is None:
                 continue
             link = Link(wanted) if isinstance(wanted, str) else wanted
+            if not isinstance(link, Link):
+                raise InputError(f"couple: {name}: {link!r}: must be a name, a Link or None")
             for output in filter(None, (link.source, link.weight)):
                 if output not in giver.outputs:
                     raise InputError(
@@ -279,6 +312,16 @@ class Coupling:
 
     def _connection(self, giver: _Side, taker: _Side, target: str, link: Link) -> _Connection:
         running = "time_integral_of" in link.source and "time_integral_of" not in target
+        if running and giver is self.host:
+            raise InputError(
+                f"couple: {link.source} → {target}: only running integrals of the floes are differenced; give an"
+                " output of the host that is a value at the time"
+            )
+        if np.dtype(taker.model.get_var_type(target)).kind != "f":
+            raise InputError(
+                f"couple: {target} of the {taker.name} is of type {taker.model.get_var_type(target)}, which"
+                f" would cut {link.source}; must be of a floating type"
+            )
         convert = _converter(
             giver.units(link.source), taker.units(target), running, link.source, target
         )
@@ -305,7 +348,7 @@ class Coupling:
         sides = (link.source, target) if giver is self.host else (target, link.source)
         return _Connection(
             giver, taker, link.source, target, kind, weight, running, convert,
-            _pascals(taker.units(target), target), self._regrid(pair, sides),
+            _pascals(taker.units(target), target), pair, self._regrid(pair, sides),
         )  # fmt: skip
 
     def _regrid(self, pair: tuple[int, int], names: tuple[str, str]) -> Regrid | None:
@@ -331,11 +374,14 @@ class Coupling:
 
     def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
         """Exchange until a time of the floes' clock [s]; returns the ledger so far."""
+        known = len(self.ledger)
         with _in_one_line("couple: before the first exchange"):
             count, start = self._prepare(until)
         if show is not None:
             show(repr(self))
             show(HEADER)
+            for line in self.ledger[known:]:
+                show(str(line))
         for k in range(1, count + 1):
             line = self.exchange(start + k * self.every if k < count else float(until))
             if show is not None:
@@ -344,15 +390,17 @@ class Coupling:
 
     def _prepare(self, until: float) -> tuple[int, float]:
         """How many exchanges there are to come, and from when [s]; host and floes then stand together."""
+        if not is_number(until):
+            raise InputError(f"couple: until = {until!r} s: must be a finite number")
         start = self.floes.time()
         count = round((until - start) / self.every)
-        if count < 0 or abs(count * self.every - (until - start)) > SAME_TIME * self.every:
+        if count < 0 or not _same_time(start + count * self.every, until, self.every):
             raise InputError(
                 f"couple: until = {until:g} s is not a whole number of exchanges of {self.every:g} s"
                 f" from now, {start:g} s"
             )
         for side, end in ((self.floes, until), (self.host, until + self.offset)):
-            if end > side.end_time() * (1 + SAME_TIME):
+            if end > side.end_time() and not _same_time(end, side.end_time(), self.every):
                 raise InputError(
                     f"couple: until = {until:g} s is after the end of the {side.name},"
                     f" {side.end_time():g} s"
@@ -377,25 +425,30 @@ class Coupling:
 
     def _exchange(self, now: float, until: float) -> Exchange:
         host_now = self.host.time()
-        if abs(host_now - now - self.offset) > SAME_TIME * self.every:
+        if not _same_time(host_now, now + self.offset, self.every):
             raise InputError(
-                f"the host is at {host_now:g} s, where it should be at {now + self.offset:g} s"
+                f"the host is at {host_now:.12g} s, where it should be at {now + self.offset:.12g} s"
             )
         before = self._accounts()
         self._give_states()
         self.floes.update_until(until, self.every)
-        stress = self._give_back(until - now)
+        stress = self._give_back(until - now, lambda c: c.scaled(c.since(), until - now))
         self.host.update_until(until + self.offset, self.every)
         after = self._accounts()
         change = {name: after[name] - before[name] for name in after}
+        return self._line(until, until - now, stress, change)
+
+    def _line(
+        self, time: float, duration: float, stress: _Impulse, change: dict[str, np.ndarray]
+    ) -> Exchange:
         floes, other = change.get("floes"), change.get("other")
         budget = None
         if floes is not None and other is not None and stress.axes == {0, 1}:
             budget = floes + stress.given + change.get("no water", np.zeros(2)) - other
         return Exchange(
             number=len(self.ledger) + 1,
-            time=until,
-            duration=until - now,
+            time=time,
+            duration=duration,
             from_host=-stress.given,
             to_host=stress.taken,
             undelivered=stress.missed,
@@ -423,25 +476,29 @@ class Coupling:
         return f"{place}, their state saved in {self.rescue}"
 
     def _catch_up(self) -> None:
-        """After a restart the floes may stand one exchange ahead: give the host what it has missed."""
-        behind = self.floes.time() + self.offset - self.host.time()
-        if abs(behind) <= SAME_TIME * self.every:
+        """After a fault the floes may stand one exchange ahead: give the host what it has missed, and book it.
+
+        What the floes have become in it nobody knows any more; the line leaves that out.
+        """
+        now, host_now = self.floes.time(), self.host.time()
+        if _same_time(host_now, now + self.offset, self.every):
             return
         single = [c for c in self.to_host if c.running]
         mean = [_instant(c.source) for c in single]
-        if abs(behind - self.every) > SAME_TIME * self.every or not all(
-            name in self.floes.outputs for name in mean
-        ):
+        ahead = _same_time(host_now + self.every, now + self.offset, self.every)
+        if not ahead or not all(name in self.floes.outputs for name in mean):
             raise InputError(
-                f"couple: the host is at {self.host.time():g} s, the floes at {self.floes.time():g} s, which"
-                f" should be {self.floes.time() + self.offset:g} s of the host; say otherwise with offset"
+                f"couple: the host is at {host_now:.12g} s, the floes at {now:.12g} s, which should be"
+                f" {now + self.offset:.12g} s of the host; say otherwise with offset"
             )
-        for connection in self.to_host:
-            values = connection.giver.get(
-                _instant(connection.source) if connection.running else connection.source
-            )
-            connection.put(connection.carry(connection.scaled(values, self.every, was_mean=True)))
-        self.host.update_until(self.floes.time() + self.offset, self.every)
+        before = self._accounts()
+        stress = self._give_back(
+            self.every, lambda c: c.scaled(c.instant(), self.every, was_mean=True)
+        )
+        self.host.update_until(now + self.offset, self.every)
+        after = self._accounts()
+        change = {name: after[name] - before[name] for name in after if name == "host"}
+        self.ledger.append(self._line(now, self.every, stress, change))
 
     def _give_states(self) -> None:
         for side in (self.host, self.floes):
@@ -452,12 +509,12 @@ class Coupling:
         for connection in self.to_host:
             connection.remember()
 
-    def _give_back(self, duration: float) -> _Impulse:
+    def _give_back(self, duration: float, means: Callable[[_Connection], np.ndarray]) -> _Impulse:
+        """Give the host the means over an exchange."""
         total = _Impulse(np.zeros(2), np.zeros(2), np.zeros(2), set())
         for connection in self.to_host:
-            values = connection.scaled(connection.since(), duration)
-            carried = connection.carry(values)
-            connection.put(carried)
+            values = means(connection)
+            carried = connection.put(connection.carry(values))
             axis = _axis(connection.source)
             of_water = connection.kind == "integral" and connection.source.startswith(ON_WATER)
             if of_water and axis is not None:
@@ -501,6 +558,17 @@ def _in_one_line(where: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise CouplingError(f"{where}: {_first_line(error)}") from error
+
+
+def _same_time(one: float, other: float, every: float) -> bool:
+    """Whether two times [s] are one, but for round-off: a clock that counts from long ago has coarse seconds."""
+    return abs(one - other) <= SAME_TIME * every + 8 * np.spacing(max(abs(one), abs(other)))
+
+
+def _check_kind(name: str, given: Mapping[Any, Any] | None, kind: type) -> None:
+    for key, value in (given or {}).items():
+        if not isinstance(value, kind):
+            raise InputError(f"couple: {name}[{key!r}] = {value!r}: must be a {kind.__name__}")
 
 
 def _first_line(error: Exception) -> str:
@@ -549,16 +617,16 @@ class _Side:
         try:
             self.model.update_until(time / self._second)
         except NotImplementedError:
-            while self.time() < time - SAME_TIME * every:
+            while self.time() < time and not _same_time(self.time(), time, every):
                 before = self.time()
                 self.model.update()
                 if self.time() <= before:
                     break
         landed = self.time()
-        if abs(landed - time) > SAME_TIME * every:
+        if not _same_time(landed, time, every):
             went = "went back" if landed < time - every else "stands"
             raise InputError(
-                f"the {self.name} {went} at {landed:g} s after an update to {time:g} s"
+                f"the {self.name} {went} at {landed:.12g} s after an update to {time:.12g} s"
                 f" (its own step is {self.model.get_time_step() * self._second:g} s)"
             )
 
@@ -576,8 +644,10 @@ class _Side:
         self.model.get_value(name, values)
         return values.astype(np.float64)
 
-    def set(self, name: str, values: np.ndarray) -> None:
-        self.model.set_value(name, values.astype(self.model.get_var_type(name)))
+    def set(self, name: str, values: np.ndarray) -> np.ndarray:
+        given = values.astype(self.model.get_var_type(name))
+        self.model.set_value(name, given)
+        return given.astype(np.float64)
 
     def pair(self, template: str) -> np.ndarray:
         return np.array([self.get(template.format(a=a))[0] for a in "xy"])
@@ -598,6 +668,18 @@ class _Side:
                 )
             self._grids[key] = grid, _digest(told), name
         return self._grids[key][0]
+
+    def refuse_idle_grids(self) -> None:
+        """A grid that was given for a number that no variable has."""
+        if not self._given:
+            return
+        numbers = sorted({self.grid_number(name) for name in (*self.inputs, *self.outputs)})
+        for number in self._given:
+            if number not in numbers:
+                raise InputError(
+                    f"couple: {self.name}_grids: no variable of the {self.name} is on grid {number!r}; its grids"
+                    f" are {', '.join(map(str, numbers))}"
+                )
 
     def refuse_changed_grids(self) -> None:
         for (number, location), (_, known, name) in self._grids.items():
@@ -622,11 +704,12 @@ class _Connection:
         running: bool,
         convert: Callable[[np.ndarray], np.ndarray],
         pascals: float,
+        grids: tuple[int, int],
         regrid: Regrid | None,
     ) -> None:
         self.giver, self.taker, self.source, self.target = giver, taker, source, target
         self.kind, self.weight, self.running, self.regrid = kind, weight, running, regrid
-        self._convert, self._pascals = convert, pascals
+        self._convert, self._pascals, self.grids = convert, pascals, grids
         self._before: np.ndarray | None = None
 
     @property
@@ -638,6 +721,10 @@ class _Connection:
         """Keep a running integral as it is before the interval."""
         if self.running:
             self._before = self.giver.get(self.source)
+
+    def instant(self) -> np.ndarray:
+        """The value now; of a running integral the mean over the giver's last update."""
+        return self.giver.get(_instant(self.source) if self.running else self.source)
 
     def since(self) -> np.ndarray:
         """The value now, or the change of a running integral since `remember`."""
@@ -680,15 +767,17 @@ class _Connection:
         mean = along.state(weight * np.where(weight > 0, values, 0.0))
         return np.where(total > 0, mean / np.where(total > 0, total, 1.0), 0.0)
 
-    def put(self, values: np.ndarray) -> None:
-        self.taker.set(self.target, values)
+    def put(self, values: np.ndarray) -> np.ndarray:
+        """Give them to the taker; returns them as it has them, in its own precision."""
+        return self.taker.set(self.target, values)
 
     def force(self, values: np.ndarray, carried: np.ndarray) -> tuple[float, float, float, float]:
         """A stress summed over the giver's cells, over the taker's, what is lost, and Σ |.| [N]."""
         r = self.regrid
         if r is None:
-            given = values * self.giver.know_grid(self.source).area
-            taken, missed = given.sum(), 0.0
+            area = self.giver.know_grid(self.source).area
+            given = values * area
+            taken, missed = (carried * area).sum(), 0.0
         else:
             given = np.where(r.target.wet, values, 0.0) * r.target_area
             taken, missed = (carried * r.source_area).sum(), r.undelivered(values)

@@ -66,6 +66,7 @@ CAP = np.cos(np.radians(60.0))  # how far from its middle the target may reach
 HORIZON = np.cos(np.radians(82.0))  # source cells beyond this are left out …
 LARGEST_CELL = np.cos(np.radians(20.0))  # … which is safe if none is larger than this
 ROUND_OFF = 1e-14  # overlaps below this share of both cells are round-off of touching edges
+OVER = 1e-6  # a cell covered by more than this beyond its area is covered twice
 FORMAT = "floebmi overlap areas, version 1"
 
 
@@ -79,7 +80,7 @@ class Regrid:
     surface : "plane", x and y in metres in the same plane; or "sphere", longitude and latitude in degrees
     radius : of the sphere [m]
     source_area : (source.size,) the cell areas as the host counts them [m²], if they are not those of the
-        grid as it is drawn here; they divide the flux
+        grid as it is drawn here; they divide the flux.  What stands on dry cells is not looked at
 
     Attributes
     ----------
@@ -91,8 +92,9 @@ class Regrid:
     Raises
     ------
     InputError
-        for grids that do not meet, areas of a wrong size, latitudes beyond 90 degrees, a target that
-        reaches more than 60 degrees from its middle, a radius that is not greater than 0.
+        for grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
+        beyond 90 degrees, a target that reaches more than 60 degrees from its middle, a radius that is not
+        greater than 0.
 
     Examples
     --------
@@ -124,13 +126,15 @@ class Regrid:
             if surface == "plane"
             else _overlaps_sphere(source, target, radius)
         )
-        area = drawn_area if source_area is None else _areas(source_area, source.size)
+        area = drawn_area if source_area is None else _areas(source_area, source.wet, drawn_area)
         self._assemble(source, target, surface, overlap, area, target_area)
         if self.overlap.nnz == 0:
             raise InputError(
                 f"regrid: no wet cell of {source!r} meets a wet cell of {target!r}:"
                 " are both in the same plane and the same units?"
             )
+        _refuse_doubles("target", "source", self.covered)
+        _refuse_doubles("source", "target", overlap.sum(axis=0) / drawn_area)
 
     def _assemble(
         self,
@@ -250,6 +254,11 @@ class Regrid:
         Names are those of the weight files of ESMF and SCRIP's successors (`S` is normalised by destination
         area; `row`, `col` from 1; `area_a`, `mask_a`, `frac_a` of the source, `_b` of the target), which other
         regridders read; `overlap_area` [m²] is what is read back here.
+
+        Raises
+        ------
+        InputError
+            for a folder that is not there.
         """
         import netCDF4
 
@@ -268,23 +277,29 @@ class Regrid:
             "frac_a": (by_source / self.source_area, "n_a", "1", "share that the target covers"),
             "frac_b": (self.covered, "n_b", "1", "share that the source covers"),
         }
-        part = Path(f"{path}.part")
-        with netCDF4.Dataset(part, "w") as file:
-            file.format = FORMAT
-            file.map_method = "first-order conservative"
-            file.normalization = "destarea"
-            file.surface = self.surface
-            file.source_checksum = checksum(self.source)
-            file.target_checksum = checksum(self.target)
-            for name, size in (
-                ("n_a", self.source.size), ("n_b", self.target.size), ("n_s", rows.size)
-            ):  # fmt: skip
-                file.createDimension(name, size)
-            for name, (values, dimension, units, text) in fields.items():
-                variable = file.createVariable(name, values.dtype, (dimension,))
-                variable.units, variable.long_name = units, text
-                variable[:] = values
-        os.replace(part, path)
+        path = Path(path)
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: there is no folder {path.parent}")
+        part = path.with_name(f"{path.name}.part")
+        try:
+            with netCDF4.Dataset(part, "w") as file:
+                file.format = FORMAT
+                file.map_method = "first-order conservative"
+                file.normalization = "destarea"
+                file.surface = self.surface
+                file.source_checksum = checksum(self.source)
+                file.target_checksum = checksum(self.target)
+                for name, size in (
+                    ("n_a", self.source.size), ("n_b", self.target.size), ("n_s", rows.size)
+                ):  # fmt: skip
+                    file.createDimension(name, size)
+                for name, (values, dimension, units, text) in fields.items():
+                    variable = file.createVariable(name, values.dtype, (dimension,))
+                    variable.units, variable.long_name = units, text
+                    variable[:] = values
+            os.replace(part, path)
+        finally:
+            part.unlink(missing_ok=True)
 
     @classmethod
     def from_netcdf(cls, path: str | Path, source: Grid, target: Grid) -> Regrid:
@@ -293,27 +308,42 @@ class Regrid:
         Raises
         ------
         InputError
-            for another kind of file, and for a file made for other grids or other masks (by checksum).
+            for a file that is not there, damaged or of another kind, and for one made for other grids or other
+            masks (by checksum).
         """
         import netCDF4
         from scipy.sparse import csr_array
 
-        with netCDF4.Dataset(path) as file:
-            file.set_auto_mask(False)
-            if getattr(file, "format", None) != FORMAT:
-                raise InputError(f"{path}: not a file of overlap weights ({FORMAT!r})")
-            for side, grid in (("source", source), ("target", target)):
-                if getattr(file, f"{side}_checksum") != checksum(grid):
-                    raise InputError(
-                        f"{path}: made for another {side} grid than {grid!r}: cells or mask differ;"
-                        " make the weights anew"
-                    )
-            entries = file["overlap_area"][:], (file["row"][:] - 1, file["col"][:] - 1)
-            overlap = csr_array(entries, shape=(target.size, source.size))
-            regrid = object.__new__(cls)
-            regrid._assemble(
-                source, target, file.surface, overlap, file["area_a"][:], file["area_b"][:]
-            )
+        path = Path(path)
+        if not path.is_file():
+            raise InputError(f"{path}: there is no such file")
+        damaged = InputError(f"{path}: is no NetCDF file, or a damaged one; make the weights anew")
+        try:
+            with netCDF4.Dataset(path) as file:
+                file.set_auto_mask(False)
+                told = {name: file.getncattr(name) for name in file.ncattrs()}
+                if told.get("format") != FORMAT:
+                    raise InputError(f"{path}: not a file of overlap weights ({FORMAT!r})")
+                area, row, column, source_area, target_area = (
+                    file[name][:] for name in ("overlap_area", "row", "col", "area_a", "area_b")
+                )
+        except (OSError, RuntimeError, IndexError):
+            raise damaged from None
+        for side, grid in (("source", source), ("target", target)):
+            if told.get(f"{side}_checksum") != checksum(grid):
+                raise InputError(
+                    f"{path}: made for another {side} grid than {grid!r}: cells or mask differ;"
+                    " make the weights anew"
+                )
+        whole = all(
+            (v > 0).all() and np.isfinite(v).all() for v in (area, source_area, target_area)
+        )
+        inside = ((row > 0) & (row <= target.size) & (column > 0) & (column <= source.size)).all()
+        if not (whole and inside and "surface" in told):
+            raise damaged
+        overlap = csr_array((area, (row - 1, column - 1)), shape=(target.size, source.size))
+        regrid = object.__new__(cls)
+        regrid._assemble(source, target, told["surface"], overlap, source_area, target_area)
         return regrid
 
     def __repr__(self) -> str:
@@ -399,16 +429,29 @@ def _by_area(normalisation: Normalisation) -> bool:
     return normalisation == "destination_area"
 
 
-def _areas(values: np.ndarray, size: int) -> np.ndarray:
-    values = np.array(values, np.float64).ravel()
-    if values.size != size:
-        raise InputError(f"regrid: source_area has {values.size} values for {size} cells")
-    bad = np.flatnonzero(~((values > 0) & np.isfinite(values)))
+def _areas(values: np.ndarray, wet: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """The host's areas; dry cells, which take no part, have those that were drawn."""
+    values = unmasked(values).ravel()
+    if values.size != wet.size:
+        raise InputError(f"regrid: source_area has {values.size} values for {wet.size} cells")
+    bad = np.flatnonzero(wet & ~((values > 0) & np.isfinite(values)))
     if bad.size:
         raise InputError(
             f"regrid: source_area[{bad[0]}] = {values[bad[0]]}: must be greater than 0"
         )
-    return values
+    return np.where(wet, values, drawn)
+
+
+def _refuse_doubles(one: str, other: str, covered: np.ndarray) -> None:
+    """A cell that is covered more than once: cells of the other grid lie on each other, as those of a halo do."""
+    doubled = np.flatnonzero(covered > 1 + OVER)
+    if doubled.size:
+        k = doubled[0]
+        raise InputError(
+            f"regrid: cell {k} of the {one} is covered {covered[k]:.3g} times ({doubled.size} such cells): wet"
+            f" cells of the {other} lie on each other; leave out those that are there twice (a halo, a turn of"
+            " more than 360 degrees), or make them dry"
+        )
 
 
 def _wet_only(overlap: csr_array, source: Grid, target: Grid) -> csr_array:

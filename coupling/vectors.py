@@ -141,11 +141,15 @@ class Staggered:
             wet = np.bincount(points, weights=grid.wet[cells], minlength=size)
             self.open = wet == around
         else:
-            self.open = _of_points("open", open, size).astype(bool)
+            which = _of_points("open", open, size)
+            if not np.isin(which, (0, 1)).all():
+                k = int(np.argmin(np.isin(which, (0, 1))))
+                raise InputError(f"open[{k}] = {which[k]}: must be bool, or 0 or 1")
+            self.open = which.astype(bool)
         if area is None:
             self.area = np.bincount(points, weights=grid.area[cells] / around, minlength=size)
         else:
-            self.area = _of_points("area", area, size).astype(float)
+            self.area = _of_points("area", area, size)
             wrong = self.open & ~(np.isfinite(self.area) & (self.area > 0))
             if wrong.any():
                 k = int(np.argmax(wrong))
@@ -217,7 +221,7 @@ def _structured(grid: Grid) -> None:
 
 
 def _of_points(name: str, values: np.ndarray, size: int) -> np.ndarray:
-    values = np.asarray(values).ravel()
+    values = unmasked(values).ravel()
     if values.size != size:
         raise InputError(f"{name}: {values.size} values for {size} points")
     return values

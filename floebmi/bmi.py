@@ -249,12 +249,12 @@ class _Running:
         built = scene.build()
         self.model: Model = built.model
         self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
-        self.sources: dict[str, VelocitySource] = {}
+        found = {"ocean": built.ocean, "atmosphere": built.atmosphere}
+        self.of_scene = {name: source for name, source in found.items() if source is not None}
+        self.sources: dict[str, VelocitySource] = dict(self.of_scene)  # those that no host replaced
         self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
-        for name, source in (("ocean", built.ocean), ("atmosphere", built.atmosphere)):
-            if source is not None:
-                self.sources[name] = source
-                self.fill(name, 0.0)
+        for name in self.sources:
+            self.fill(name, 0.0)
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
@@ -320,14 +320,16 @@ class _Running:
 
     def fill(self, name: str, time: float) -> None:
         """Let the scene's own source fill a fluid as it is at `time`, unless a host has written there."""
-        fluid, source = self._fluid(name), self.sources.get(name)
-        if source is None:
-            return
-        if name in self.filled and not np.array_equal(self.filled[name], _bits(fluid)):
-            del self.sources[name]
-            return
-        source.fill(time, fluid.u, fluid.v)
-        self.filled[name] = _bits(fluid)
+        fluid = self._fluid(name)
+        if name in self.filled and not self.drives(name):
+            self.sources.pop(name, None)
+        if name in self.sources:
+            self.sources[name].fill(time, fluid.u, fluid.v)
+            self.filled[name] = _bits(fluid)
+
+    def drives(self, name: str) -> bool:
+        """Whether the scene's own source fills a fluid: no host has written there, through a pointer neither."""
+        return name in self.sources and np.array_equal(self.filled[name], _bits(self._fluid(name)))
 
     def taken_over(self, row: Variable) -> None:
         """A host has set this variable."""
@@ -345,7 +347,7 @@ class _Running:
         rest = until - self.model.time
         count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
         # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
-        plain = count == 1 and not self.sources and not self.capacity
+        plain = count == 1 and not self.sources and not self.capacity and self.checkpoint is None
         with nullcontext() if plain else self.unchanged_on_failure():
             self._exchanges(until, rest, count)
 
@@ -362,6 +364,15 @@ class _Running:
                 for name, values in self._means().items():
                     sums[name] = sums.get(name, 0.0) + values * (duration / rest)
         model.time = until
+        if count > 1 and model.ocean is not None:
+            over = model.grid.area * model.over_ice_area()  # as `area_fraction` is now
+            for axis in AXES:
+                mean = sums[f"ocean_stress_{axis.letter}"]
+                sums[f"ocean_stress_per_ice_area_{axis.letter}"] = mean * over
+        if self.capacity:
+            _check_capacity(model.floes, self.capacity)
+        if self.checkpoint is not None:
+            self.save(self.checkpoint, sums)
         self.show(sums)
 
     def _means(self) -> dict[str, np.ndarray]:
@@ -376,8 +387,6 @@ class _Running:
 
         means : over the last update, of what is a mean, where that was not one exchange
         """
-        if self.capacity:
-            _check_capacity(self.model.floes, self.capacity)
         self.means = means
         asked = {name: self.rows[name] for name in self.asked}
         fields = {row.name: self.values[name] for name, row in asked.items() if _is_field(row)}
@@ -409,28 +418,34 @@ class _Running:
 
     # ---- the whole state
 
-    def state(self) -> dict[str, Any]:
-        """All that `load` needs."""
-        return {
+    def save(self, path: str | Path, means: dict[str, np.ndarray]) -> None:
+        """All that `load` needs; `means` as for `show`."""
+        from floebmi.output import save_restart
+
+        state = {
             "model": self.model.state(),
-            "mean": self._means() | self.means,
-            "driven_by_scene": {name: name in self.sources for name in ("ocean", "atmosphere")},
+            "mean": self._means() | means,
+            "driven_by_scene": {name: self.drives(name) for name in ("ocean", "atmosphere")},
         }
+        save_restart(path, state, {"time": self.model.time})
 
     def load(self, path: Path) -> None:
         from floebmi.output import load_restart
 
         state, _ = load_restart(path)
-        if set(state) != set(self.state()):
+        if set(state) != {"model", "mean", "driven_by_scene"}:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
         with self.unchanged_on_failure():
             self.model.restore(state["model"])
+            if self.capacity:
+                _check_capacity(self.model.floes, self.capacity)
+            self.sources = {
+                name: source
+                for name, source in self.of_scene.items()
+                if state["driven_by_scene"][name]
+            }
+            self.filled = {name: _bits(self._fluid(name)) for name in self.sources}
             self.show(state["mean"])
-            for name, by_scene in state["driven_by_scene"].items():
-                if not by_scene:
-                    self.sources.pop(name, None)
-                elif name in self.sources:
-                    self.filled[name] = _bits(self._fluid(name))
 
     @contextmanager
     def unchanged_on_failure(self) -> "Iterator[None]":
@@ -494,12 +509,14 @@ class FloeBmi(Bmi):
     def update(self) -> None:
         """Advance by one exchange interval, `get_time_step` seconds."""
         now = self._now("update")
-        self._advance(now.model.time + now.step)
+        now.advance(now.model.time + now.step)
 
     def update_until(self, time: float) -> None:
         """Advance to `time` [s], and land exactly on it; the current time does nothing."""
         now = self._now("update_until")
         try:
+            if isinstance(time, str | bytes):
+                raise TypeError  # float() reads text, too
             time = float(time)
         except (TypeError, ValueError):
             raise InputError(
@@ -511,13 +528,7 @@ class FloeBmi(Bmi):
                 f"{now.model.time:.17g} s"
             )
         if time > now.model.time:
-            self._advance(time)
-
-    def _advance(self, until: float) -> None:
-        now = self._now("update")
-        now.advance(until)
-        if now.checkpoint is not None:
-            self.save_state(now.checkpoint)
+            now.advance(time)
 
     def finalize(self) -> None:
         """Let go of everything; `initialize` may follow."""
@@ -525,10 +536,8 @@ class FloeBmi(Bmi):
 
     def save_state(self, path: str | Path) -> None:
         """Save all that `load_state`, or the key `restart`, needs to go on with the same bits."""
-        from floebmi.output import save_restart
-
         now = self._now("save_state")
-        save_restart(path, now.state(), {"time": now.model.time})
+        now.save(path, now.means)
 
     def load_state(self, path: str | Path) -> None:
         """Take up a state that `save_state` wrote, of a component with the same scene."""
@@ -822,12 +831,12 @@ def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
         raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
     if dest.size != values.size:
         raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
-    try:
-        np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
-    except TypeError:
-        raise InputError(
-            f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}"
-        ) from None
+    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # whole numbers would come round
+    if short or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
+        raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
+    if not dest.flags.writeable:
+        raise InputError(f"{what}: the buffer is read-only; must be writable")
+    np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
     return dest
 
 
@@ -842,11 +851,13 @@ def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:
+    if np.ma.is_masked(inds):
+        raise InputError(f"{name}: masked indices; must be integers from 0 to {size - 1}")
     inds = np.asarray(inds)
     if inds.size and inds.dtype.kind not in "iu":
         raise InputError(f"{name}: indices of type {inds.dtype}; must be integers")
-    inds = inds.ravel().astype(np.int64)
+    inds = inds.ravel()
     wrong = (inds < 0) | (inds >= size)
     if wrong.any():
         raise InputError(f"{name}: index {inds[wrong][0]}: must be from 0 to {size - 1}")
-    return inds
+    return inds.astype(np.int64)

@@ -21,7 +21,7 @@ import numpy as np
 
 from floebmi.errors import InputError
 from floebmi.kernels import jit
-from floebmi.quantities import is_number
+from floebmi.quantities import is_number, unmasked
 
 Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
@@ -468,7 +468,7 @@ def _divide(name: str, low: float, high: float, spacing: float) -> int:
 
 
 def _finite(name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
-    array = np.array(values, np.float64)
+    array = np.array(unmasked(values))
     if not np.isfinite(array).all():
         place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f"grid: {name}{list(place)} = {array[place]}: must be finite")
@@ -493,6 +493,11 @@ def _mask(wet: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     mask = np.asarray(wet)
     if mask.shape not in (shape, (size,)):
         raise InputError(f"grid: wet has shape {mask.shape}: must be {shape} or ({size},)")
+    if np.ma.is_masked(wet):
+        place = tuple(int(k) for k in np.argwhere(np.ma.getmaskarray(wet))[0])
+        raise InputError(
+            f"grid: wet{list(place)} is masked: must be bool, or 0 or 1 (wet.filled(0) makes it dry)"
+        )
     if mask.dtype != bool and not np.isin(mask, (0, 1)).all():
         raise InputError(f"grid: wet has type {mask.dtype}: must be bool, or hold only 0 and 1")
     return mask.astype(bool).ravel().copy()

@@ -813,9 +813,7 @@ class Model:
                 per_area_of(fluid.grid, name + "_y", y, sign * time)
         if self.ocean is not None:
             if out is None or any(name in out for name in PER_ICE_AREA):
-                areas = self.coverage()
-                ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
-                mean = np.divide(over, ice, out=np.zeros(self.grid.size), where=ice > 0)
+                mean = over * self.over_ice_area()
                 for name, last in zip(
                     PER_ICE_AREA, (self.ocean.last_x, self.ocean.last_y), strict=True
                 ):
@@ -824,6 +822,12 @@ class Model:
                 product("ocean_stress_magnitude", self.ocean.magnitude, over)
                 product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields
+
+    def over_ice_area(self) -> np.ndarray:
+        """One over the area of ice in each cell now [m-2], 0 where there is none: (grid.size,)."""
+        areas = self.coverage()
+        ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
+        return np.divide(1.0, ice, out=np.zeros(self.grid.size), where=ice > 0)
 
     # ---- restart -----------------------------------------------------------------------------------
 

@@ -142,6 +142,41 @@ def test_who_drives_is_part_of_the_state(scene: Path, tmp_path: Path) -> None:
     assert (value(other, OCEAN[0]) == 0.7).all()
 
 
+def with_rising_current(scene: Path) -> FloeBmi:
+    component = started(scene)
+    running = component._running
+    running.sources["ocean"] = running.of_scene["ocean"] = Rising()
+    component.update()
+    return component
+
+
+def test_a_state_that_the_scene_drove_is_driven_by_it_again(scene: Path, tmp_path: Path) -> None:
+    component, other = with_rising_current(scene), with_rising_current(scene)
+    component.save_state(tmp_path / "state.nc")
+    other.set_value(
+        OCEAN[0], np.full(12, 0.7)
+    )  # the host has the ocean, until the state comes back
+    other.update()
+    other.load_state(tmp_path / "state.nc")
+    component.update()
+    other.update()
+    assert value(component, OCEAN[0])[0] == 0.09  # in the middle
+    assert same(everything(component), everything(other))
+
+
+def test_what_a_pointer_wrote_before_a_state_was_saved_is_the_hosts(
+    scene: Path, tmp_path: Path
+) -> None:
+    component, other = with_rising_current(scene), with_rising_current(scene)
+    component.get_value_ptr(OCEAN[0])[:] = 0.7
+    component.save_state(tmp_path / "state.nc")
+    other.load_state(tmp_path / "state.nc")
+    component.update()
+    other.update()
+    assert (value(other, OCEAN[0]) == 0.7).all()
+    assert same(everything(component), everything(other))
+
+
 def test_what_nobody_sets_is_still_water_and_no_wind(scene: Path) -> None:
     scene.write_text(re.sub(r"velocity = .*\]\n", "", SCENE))
     component = started(scene)
@@ -205,6 +240,32 @@ def test_a_component_that_was_killed_goes_on_from_its_checkpoint(
     assert same(everything(whole), everything(other))
 
 
+def test_an_update_whose_checkpoint_fails_leaves_everything_as_it_was(
+    scene: Path, tmp_path: Path
+) -> None:
+    file, folder = tmp_path / "bmi.toml", tmp_path / "states"
+    file.write_text('[bmi]\nscene = "scene.toml"\ncheckpoint = "states/now.nc"\n')
+    folder.mkdir()
+    component, whole = started(file), started(scene)
+    whole.update()
+    component.update()
+    before = everything(component)
+    (folder / "now.nc").unlink()
+    folder.rmdir()
+    for update in (component.update, lambda: component.update_until(400.0)):
+        with pytest.raises(InputError, match="there is no folder"):
+            update()
+        assert component.get_current_time() == 60.0
+        assert same(before, everything(component))
+    folder.mkdir()
+    for one in (component, whole):
+        one.update_until(400.0)
+    assert same(everything(component), everything(whole))
+    restored = started(scene)
+    restored.load_state(folder / "now.nc")
+    assert same(everything(component), everything(restored))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -266,6 +327,17 @@ def test_an_output_asked_for_late_is_what_it_is_when_asked_for_from_the_start(sc
     late.update()
     early.update()
     assert same(everything(late), everything(early))
+
+
+def test_stress_per_ice_area_times_the_fraction_is_that_per_cell_area_over_many_exchanges(
+    scene: Path,
+) -> None:
+    component = started(scene)
+    component.update_until(1830.0)  # floes stray by a third of a radius
+    fraction = value(component, "sea_ice__area_fraction")
+    per_ice = value(component, STRESS.replace("ice_bottom", "ice_floe_bottom"))
+    assert ((0 < fraction) & (fraction < 1)).all()
+    np.testing.assert_allclose(per_ice * fraction, value(component, STRESS), rtol=1e-12)
 
 
 # ---- faults -------------------------------------------------------------------------------------
@@ -464,3 +536,34 @@ def test_what_lies_under_a_mask_is_no_value(scene):
     with pytest.raises(InputError, match="nan at index 2, a wet cell: must be finite"):
         component.set_value(OCEAN[0], current)
     assert (component.get_value_ptr(OCEAN[0]) == 0.1).all()
+
+
+def test_buffers_and_indices_that_do_not_hold_the_values_are_refused(tmp_path: Path) -> None:
+    """Nodes from 128 on came round in a buffer of int8, to -128; what is masked was read all the same."""
+    (tmp_path / "scene.toml").write_text(SCENE.replace("shape = [3, 4]", "shape = [12, 16]"))
+    (tmp_path / "bmi.toml").write_text('[bmi]\nscene = "scene.toml"\ncells = "faces"\n')
+    component = started(tmp_path / "bmi.toml")
+    size = component.get_grid_size(0)
+    corners = 4 * component.get_grid_face_count(0)
+    for kind in ("int32", ">i4", "int64"):
+        nodes = component.get_grid_face_nodes(0, np.empty(corners, kind))
+        assert (nodes.min(), nodes.max()) == (0, size - 1)
+    fixed = np.zeros(192)
+    fixed.flags.writeable = False
+    far = np.array([2**63 + 5], np.uint64)
+    masked = np.ma.masked_array([1, 2], [False, True])
+    before = everything(component)
+    cases = [
+        (lambda: component.get_grid_face_nodes(0, np.empty(corners, np.int8)), "int8; must hold"),
+        (lambda: component.get_value(STRESS, np.empty(192, np.float16)), "float16; must hold"),
+        (lambda: component.get_value(STRESS, fixed), "read-only"),
+        (lambda: component.get_value_at_indices(STRESS, np.empty(1), far), "index 9223372036854775813"),
+        (lambda: component.get_value_at_indices(STRESS, np.empty(2), masked), "masked indices"),
+        (lambda: component.set_value_at_indices(OCEAN[0], masked, np.ones(2)), "masked indices"),
+        (lambda: component.update_until("60"), "time = '60': must be a number"),
+    ]  # fmt: skip
+    for call, words in cases:
+        with pytest.raises(InputError, match=words) as caught:
+            call()
+        assert "\n" not in str(caught.value)
+    assert same(before, everything(component))

@@ -12,7 +12,7 @@ import pytest
 
 from coupling.driver import HEADER, Coupling, CouplingError, Link, bmi_grid, couple
 from coupling.regrid import Regrid
-from coupling.slab import MOMENTUM, STRESS, SURFACE, TwoSlabOcean
+from coupling.slab import MOMENTUM, RECEIVED, STRESS, SURFACE, TwoSlabOcean
 from floebmi.errors import InputError
 from floebmi.grid import Grid
 
@@ -412,6 +412,50 @@ def test_clocks_in_other_units_and_with_other_starts_are_compared(ocean):
     assert model.get_current_time() == 2700.0
 
 
+@pytest.mark.parametrize("every", [300.0, 600.0])
+@pytest.mark.parametrize(
+    ("units", "second", "start"),
+    [
+        ("days since 0001-01-01", 1 / 86400, 736330.123),
+        ("hours since 1900-01-01", 1 / 3600, 1.095e6),
+    ],
+)
+def test_a_clock_that_counts_from_long_ago_tells_time_as_well_as_it_can(
+    ocean, units, second, start, every
+):
+    """A day's count since the year 1 tells 1e-5 s apart, and no less."""
+    model = ocean()
+    host = Altered(
+        model,
+        get_time_units=lambda: units,
+        get_start_time=lambda: start,
+        get_current_time=lambda: start + model.get_current_time() * second,
+        get_end_time=lambda: start + 9000.0 * second,
+        update_until=lambda t: model.update_until(round((t - start) / second)),
+    )
+    assert len(couple(host, Ice(hexagons()), every=every, until=9000.0)) == 9000.0 / every
+    model = ocean()  # a hundredth of a second is not round-off
+    host.update_until = lambda t: model.update_until(round((t - start) / second) + 0.01)
+    with pytest.raises(CouplingError, match="the host stands at"):
+        couple(host, Ice(hexagons()), every=every, until=9000.0)
+
+
+def test_a_host_of_single_precision_gets_what_the_ledger_says(ocean):
+    """What single precision cuts off is a residual of the exchange."""
+    model = ocean()
+    single = Altered(
+        model,
+        get_var_type=lambda name: "float32",
+        get_var_itemsize=lambda name: 4,
+        get_var_nbytes=lambda name: model.get_var_nbytes(name) // 2,
+    )
+    ledger = couple(single, Ice(hexagons()), every=600.0, until=6000.0)
+    assert 1e-10 < ledger[-1].relative < 1e-6
+    given = sum(line.to_host for line in ledger)
+    taken = [model.get_value_ptr(name)[0] for name in RECEIVED]
+    np.testing.assert_allclose(given, taken, rtol=0, atol=1e-13 * ledger[-1].turnover)
+
+
 def test_a_host_that_can_only_step_is_stepped_and_must_land_on_the_exchange(ocean):
     def refuse(_):
         raise NotImplementedError
@@ -594,7 +638,12 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_result(ocean, tmp_path):
         model.set_value(name, np.zeros(60))  # the host's own restart knows nothing of the stress
     restored = Ice(hexagons())
     restored.load_state(rescue)
-    couple(model, restored, every=60.0, until=600.0)
+    ledger = couple(model, restored, every=60.0, until=600.0)
+    assert [line.time for line in ledger] == [240.0 + 60.0 * k for k in range(7)]
+    caught_up = ledger[0]
+    np.testing.assert_allclose(caught_up.host, caught_up.to_host, rtol=1e-9)
+    assert caught_up.to_host[0] < 0 and caught_up.relative < 1e-12
+    assert caught_up.floes is None and caught_up.budget_residual is None
     for name in SURFACE:
         np.testing.assert_allclose(
             model.get_value_ptr(name), straight.get_value_ptr(name), rtol=1e-13, atol=1e-15
@@ -606,6 +655,10 @@ def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(oce
     host, ice = ocean(), Ice(hexagons())
     cases = [
         (lambda: couple(host, ice, every=0.0, until=1.0), "every = 0.0"),
+        (lambda: couple(host, ice, every="600", until=1.0), "every = '600'"),
+        (lambda: couple(host, ice, every=600.0, until=np.nan), "until = nan"),
+        (lambda: couple(host, ice, every=600.0, until=np.inf), "until = inf"),
+        (lambda: couple(host, ice, every=600.0, until=600.0, offset=np.nan), "offset = nan"),
         (lambda: couple(host, ice, every=600.0, until=1000.0), "whole number of exchanges"),
         (lambda: couple(host, ice, every=600.0, until=-600.0), "whole number of exchanges"),
         (lambda: couple(host, ice, every=1.0, until=1.0, to_floes={"wind": "x"}), "not an input of the floes"),
@@ -635,6 +688,38 @@ def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(oce
             "after the end of the host",
         ),
         (lambda: couple(host, ice, every=1.0, until=1.0, host_grids={0: hexagons()}), "60 values"),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, host_grids={7: same_cells()}),
+            "host_grids: no variable of the host is on grid 7; its grids are 0, 1",
+        ),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, floes_grids={3: "hexagons"}),
+            r"floes_grids\[3\] = 'hexagons': must be a Grid",
+        ),
+        (
+            lambda: couple(
+                host, ice, every=1.0, until=1.0, regrids={(3, 0): Regrid(hexagons(), same_cells())}
+            ),
+            r"regrids of \(3, 0\).*\(0, 3\)",
+        ),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, units={SURFACE[0][:-1]: "km/h"}),
+            "units of .*no such variable",
+        ),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, to_floes={SURFACE[0]: (SURFACE[0], "mean")}),
+            "must be a name, a Link or None",
+        ),
+        (
+            lambda: couple(host, ice, every=1.0, until=1.0, to_floes={SURFACE[0]: RECEIVED[0]}),
+            "only running integrals of the floes",
+        ),
+        (
+            lambda: couple(
+                Altered(host, get_var_type=lambda name: "int32"), ice, every=1.0, until=1.0
+            ),
+            "is of type int32, which would cut",
+        ),
     ]  # fmt: skip
     for call, text in cases:
         with pytest.raises(InputError, match=text) as caught:

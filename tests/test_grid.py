@@ -180,6 +180,18 @@ NOTCH = ([0.0, 4.0, 4.0, 0.0, 2.0], [0.0, 0.0, 4.0, 4.0, 0.0])
         (lambda: Grid.unstructured(*NOTCH, [[0, 1, 2, 4, 3]]), "cross or touch"),
         (lambda: GRIDS["uniform"].with_wet(np.ones(3, bool)), "wet has shape"),
         (lambda: GRIDS["uniform"].with_wet(np.full(GRIDS["uniform"].size, 0.5)), "bool"),
+        (
+            lambda: Grid.uniform((0, 2), (0, 1), 1, wet=np.ma.masked_equal([1, 9], 9)),
+            r"wet\[1\] is",
+        ),
+        (
+            lambda: Grid.uniform((0, 2), (0, 1), 1, wet=np.ma.masked_array([1, 1], [False, True])),
+            r"wet\[1\] is masked",
+        ),
+        (
+            lambda: Grid.rectilinear(np.ma.masked_array([0, 1e20], [False, True]), [0, 1]),
+            r"x_edges\[1\] = nan",
+        ),
     ],
 )
 def test_a_grid_that_is_none_is_refused_in_one_line(make, says):

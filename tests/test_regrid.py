@@ -396,6 +396,34 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
         Regrid.from_netcdf(tmp_path / "other.nc", source, target)
 
 
+def test_a_file_of_weights_that_is_missing_or_damaged_is_one_line(tmp_path):
+    import netCDF4
+
+    grid = Grid.uniform((0, 4), (0, 4), 1)
+    path = tmp_path / "weights.nc"
+    Regrid(grid, grid).to_netcdf(path)
+    whole = path.read_bytes()
+    with pytest.raises(InputError, match="there is no such file"):
+        Regrid.from_netcdf(tmp_path / "none.nc", grid, grid)
+    with pytest.raises(InputError, match="there is no folder"):
+        Regrid(grid, grid).to_netcdf(tmp_path / "none" / "weights.nc")
+    (tmp_path / "folder.nc").mkdir()
+    with pytest.raises(OSError, match="folder.nc"):
+        Regrid(grid, grid).to_netcdf(tmp_path / "folder.nc")
+    assert not list(tmp_path.glob("*.part"))
+    for damaged in (b"no NetCDF", whole[: len(whole) // 2]):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="damaged") as caught:
+            Regrid.from_netcdf(path, grid, grid)
+        assert "\n" not in str(caught.value)
+    for name, value in (("col", 17), ("row", 0), ("overlap_area", np.nan), ("area_a", -1.0)):
+        path.write_bytes(whole)
+        with netCDF4.Dataset(path, "a") as file:
+            file[name][3] = value
+        with pytest.raises(InputError, match="damaged"):
+            Regrid.from_netcdf(path, grid, grid)
+
+
 def test_the_checksum_knows_cells_and_mask_but_not_how_they_were_made():
     one = Grid.uniform((0, 10), (0, 10), shape=(5, 5))
     assert checksum(one) == checksum(Grid.uniform((0, 10), (0, 10), spacing=2.0))
@@ -439,6 +467,37 @@ def test_what_cannot_be_used_is_refused_in_one_line():
         with pytest.raises(InputError, match=text) as caught:
             call()
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("surface", ["parallels", "great circles"])
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_a_halo_would_count_cells_twice_and_is_refused(surface, side):
+    """Columns 0 and 37 are there again as 36 and 1; with the halo dry all is well."""
+    make = lonlat if surface == "parallels" else warped
+    flat = {} if surface == "parallels" else {"warp": 0.0}
+    halo = make((4, 38), (-10.0, 370.0, 60.0, 80.0), **flat)
+    once = make((5, 30), (-180.0, 180.0, 62.0, 78.0), **flat)
+    other = "target" if side == "source" else "source"
+
+    def weights(halo):
+        return Regrid(halo, once, "sphere") if side == "source" else Regrid(once, halo, "sphere")
+
+    with pytest.raises(InputError, match=f"cell .* of the {other} is covered .*halo") as caught:
+        weights(halo)
+    assert "\n" not in str(caught.value)
+    cut = np.ones((4, 38), bool)
+    cut[:, [0, -1]] = False
+    covered = weights(halo.with_wet(cut)).covered
+    np.testing.assert_allclose(covered[covered > 0].max(), 1.0, rtol=1e-12)
+
+
+def test_of_the_hosts_areas_those_of_dry_cells_are_not_looked_at():
+    grid, dry = Grid.uniform((0, 2), (0, 1), 1), Grid.uniform((0, 2), (0, 1), 1, wet=[True, False])
+    area = np.ma.masked_array([2.0, 1e20], [False, True])  # as ocean models write it
+    with pytest.raises(InputError, match=r"source_area\[1\] = nan"):
+        Regrid(grid, grid, source_area=area)
+    for told in (area, [2.0, 0.0]):
+        assert Regrid(dry, grid, source_area=told).flux([1.0, 5.0]).tolist() == [0.5, 0.0]
 
 
 def test_what_lies_under_a_mask_is_no_value():
