@@ -307,7 +307,7 @@ def _range(at):
     return np.sqrt(fastest2), least, most
 
 
-TURN = 4.0  # in one sub-step a floe then turns by a quarter at most
+TURN = 16.0  # in one sub-step a floe then turns by a sixteenth of a radian at most, and is late by 3e-4 of that
 
 
 def add_fastest_rate(

@@ -98,6 +98,14 @@ def test_a_light_floe_under_a_sudden_wind_never_outruns_its_free_drift(wind):
     assert model.floes.u[0] == pytest.approx(drift, rel=1e-6)
 
 
+def test_a_floe_keeps_to_its_inertial_circle_for_a_day_in_one_exchange():
+    f, day = 1.4e-4, 86_400.0
+    model = moved_by(coriolis=f, u=0.2)
+    model.advance(day)
+    velocity = complex(model.floes.u[0], model.floes.v[0])
+    assert abs(velocity - 0.2 * np.exp(-1j * f * day)) < 0.005 * 0.2  # with steps of a quarter radian 0.06
+
+
 def test_coriolis_turns_without_work():
     model = moved_by(coriolis=1e-4, u=1.0)
     model.advance(2 * np.pi / 1e-4 / 4)
