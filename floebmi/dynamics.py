@@ -80,9 +80,8 @@ def usual_fraction(scheme: str, contact: Contact | None) -> float:
     return 0.85 if scheme == "verlet" and rubs and not more else 0.3
 
 
-LASTING = (
-    32.0  # ways of the fastest floe in a step: a short list with that skin is good for 14 steps
-)
+# Ways of the fastest floe in a step: a short list with that skin is good for 14 steps.
+LASTING = 32.0
 NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
 WALL = np.dtype(
     [

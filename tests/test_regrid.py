@@ -491,6 +491,13 @@ def test_a_halo_would_count_cells_twice_and_is_refused(surface, side):
     np.testing.assert_allclose(covered[covered > 0].max(), 1.0, rtol=1e-12)
 
 
+def test_a_turn_that_single_precision_leaves_a_little_too_long_is_no_halo():
+    """The last line of longitude in float32 is 3e-5 degrees too far: 1e-4 of a cell, there twice."""
+    whole = lonlat((4, 1440), (0.0, 360.00003, 60.0, 64.0))
+    covered = Regrid(whole, lonlat((2, 30), (-20.0, 40.0, 61.0, 63.0)), "sphere").covered
+    assert 1 + 1e-6 < covered.max() < 1 + 1e-3
+
+
 def test_of_the_hosts_areas_those_of_dry_cells_are_not_looked_at():
     grid, dry = Grid.uniform((0, 2), (0, 1), 1), Grid.uniform((0, 2), (0, 1), 1, wet=[True, False])
     area = np.ma.masked_array([2.0, 1e20], [False, True])  # as ocean models write it
