@@ -116,13 +116,10 @@ def disc_west(x, r):
     It compiles inline, where `asin` of the C library takes as long as all the rest; and of a line that all but touches
     the disc it knows r − |x| exactly, where x/r has lost it.
     """
-    full = math.pi * r * r
-    if abs(x) >= r:
-        return full if x > 0.0 else 0.0
-    h = (r - abs(x)) / r
+    h = max(r - abs(x), 0.0) / r
     t = 2.0 * h - 1.0
     segment = r * r * h * math.sqrt(h) * (horner(EVEN, t * t) + t * horner(ODD, t * t))
-    return full - segment if x > 0.0 else segment
+    return math.pi * r * r - segment if x > 0.0 else segment
 
 
 @jit
@@ -130,8 +127,8 @@ def disc_south_west(x, y, west, south, r):
     """Area of the disc about O south-west of the corner (x, y), from H of its lines [m²]."""
     full = math.pi * r * r  # all cases are computed: which it is cannot be foreseen
     inside = x * y + 0.5 * (west + south) - 0.25 * full
-    beyond = west if y > 0.0 else 0.0
-    beyond += (south - full if y > 0.0 else south) if x > 0.0 else 0.0
+    # a corner beyond the disc: by how much the two parts overlap, or the smaller, which lies in the other
+    beyond = max(west + south - full, 0.0) if x * y > 0.0 else min(west, south)
     return inside if x * x + y * y < r * r else beyond
 
 

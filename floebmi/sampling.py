@@ -87,6 +87,15 @@ class Polygons(NamedTuple):
 
 PATCH = 3  # columns and rows of cells in which a disc is looked at together: many reach no more
 LINES = PATCH + 1  # of the grid, that bound them
+# Rows of the buffer of a block of discs: results lie below what they are computed from.
+AMOUNT, TOTAL = 0, PATCH**2 * BLOCK  # areas in cells, and their sum
+CORNER = TOTAL + BLOCK  # areas south-west of corners
+WEST = CORNER + LINES**2 * BLOCK  # H of the lines
+SOUTH = WEST + LINES * BLOCK
+X = SOUTH + LINES * BLOCK  # distances of the lines from the centre
+Y = X + LINES * BLOCK
+R = Y + LINES * BLOCK
+DISC_BUFFER = R + BLOCK
 
 
 @in_place
@@ -130,61 +139,62 @@ def _areas_in_patches(
     A block of discs at a time, line by line and cell by cell: so it vectorises, and meets no branch that cannot be
     foreseen.  A line beyond the grid is its last line once more, and a cell beyond the disc has none of it.
 
-    lanes : room for a block: LINES distances of lines from the centre along x, as many along y; H there; the areas
-        south-west of corners; those in cells; radius, and the sum over cells
+    lanes : (DISC_BUFFER,) room for a block, all of it positive
     """
     x_edges, y_edges, one = axes.x.edges, axes.y.edges, np.uintp(1)
     nx, ny = np.uintp(x_edges.size - 1), np.uintp(y_edges.size - 1)
-    at, arc, south_west, amounts, sums = lanes
-    r, total = sums[0], sums[1]
     m = np.uintp(0)
     for block in range(0, floe.size, BLOCK):
         lanes_here = min(BLOCK, floe.size - block)
         for k in range(lanes_here):
             e = np.uintp(block + k)
-            r[k] = radius[np.uintp(floe[e])]
+            lanes[R + k] = radius[np.uintp(floe[e])]
             i, j = np.uintp(column_0[e]), np.uintp(row_0[e])
             for line in range(LINES):
-                at[line, k] = x_edges[min(i + np.uintp(line), nx)] - disc_x[e]
-                at[LINES + line, k] = y_edges[min(j + np.uintp(line), ny)] - disc_y[e]
-        total[:] = 0.0
-        for line in range(2 * LINES):
-            here, west = at[line], arc[line]
-            for k in range(BLOCK):
-                west[k] = disc_west(here[k], r[k])
-        for row in range(LINES):
-            y, south = at[LINES + row], arc[LINES + row]
-            for line in range(LINES):
-                x, west, corner = at[line], arc[line], south_west[row * LINES + line]
-                for k in range(BLOCK):
-                    corner[k] = disc_south_west(x[k], y[k], west[k], south[k], r[k])
-        for row in range(PATCH):
-            low, high = at[LINES + row], at[LINES + row + 1]
-            for line in range(PATCH):
-                left, right, amount = at[line], at[line + 1], amounts[row * PATCH + line]
-                sw, se = south_west[row * LINES + line], south_west[row * LINES + line + 1]
-                nw, ne = (
-                    south_west[(row + 1) * LINES + line],
-                    south_west[(row + 1) * LINES + line + 1],
+                lanes[X + line * BLOCK + k] = x_edges[min(i + np.uintp(line), nx)] - disc_x[e]
+                lanes[Y + line * BLOCK + k] = y_edges[min(j + np.uintp(line), ny)] - disc_y[e]
+        for k in range(BLOCK):
+            for line in range(2 * LINES):
+                lanes[WEST + line * BLOCK + k] = disc_west(
+                    lanes[X + line * BLOCK + k], lanes[R + k]
                 )
-                for k in range(BLOCK):
-                    far_x, far_y = max(right[k], -left[k]), max(high[k], -low[k])
-                    some = (ne[k] - nw[k]) - (se[k] - sw[k])
-                    within = far_x * far_x + far_y * far_y < r[k] * r[k]  # the cell is in the disc
-                    some = (right[k] - left[k]) * (high[k] - low[k]) if within else some
-                    some = some if some > ROUND_OFF * math.pi * r[k] * r[k] else 0.0
-                    amount[k] = some
-                    total[k] += some
+        for row in range(LINES):
+            for k in range(BLOCK):
+                r, y = lanes[R + k], lanes[Y + row * BLOCK + k]
+                south = lanes[SOUTH + row * BLOCK + k]
+                for line in range(LINES):
+                    x, west = lanes[X + line * BLOCK + k], lanes[WEST + line * BLOCK + k]
+                    lanes[CORNER + (row * LINES + line) * BLOCK + k] = disc_south_west(
+                        x, y, west, south, r
+                    )
+        for k in range(BLOCK):
+            lanes[TOTAL + k] = 0.0
+        for row in range(PATCH):
+            for k in range(BLOCK):
+                r, total = lanes[R + k], lanes[TOTAL + k]
+                low, high = lanes[Y + row * BLOCK + k], lanes[Y + (row + 1) * BLOCK + k]
+                for line in range(PATCH):
+                    left, right = lanes[X + line * BLOCK + k], lanes[X + (line + 1) * BLOCK + k]
+                    sw = CORNER + (row * LINES + line) * BLOCK + k
+                    nw = sw + LINES * BLOCK
+                    some = (lanes[nw + BLOCK] - lanes[nw]) - (lanes[sw + BLOCK] - lanes[sw])
+                    far_x, far_y = max(right, -left), max(high, -low)
+                    within = far_x * far_x + far_y * far_y < r * r  # the cell is in the disc
+                    some = (right - left) * (high - low) if within else some
+                    some = some if some > ROUND_OFF * math.pi * r * r else 0.0
+                    lanes[AMOUNT + (row * PATCH + line) * BLOCK + k] = some
+                    total += some
+                lanes[TOTAL + k] = total
         for k in range(lanes_here):
             e = np.uintp(block + k)
             c = np.uintp(row_0[e]) * nx + np.uintp(column_0[e])
             for row in range(PATCH):
                 for line in range(PATCH):
-                    some = amounts[row * PATCH + line, k]
+                    some = lanes[AMOUNT + (row * PATCH + line) * BLOCK + k]
                     cell[m], area[m] = c + np.uintp(line), some
                     m += np.uintp(some > 0.0)
                 c += nx
-            inside[np.uintp(floe[e])] += total[k]
+            inside[np.uintp(floe[e])] += lanes[TOTAL + k]
             start[np.uintp(floe[e]) + one] = m
     for k in range(radius.size):
         start[k + 1] = max(start[k + 1], start[k])  # who is not listed has an empty row
@@ -477,8 +487,8 @@ def _in_rectangles(
         if room <= len(patches[0]):
             break
     patches = tuple(values[:room] for values in patches)
-    lanes = tuple(np.ones((rows, BLOCK)) for rows in (2 * LINES, 2 * LINES, LINES**2, PATCH**2, 2))
     start, outside, inside = np.zeros(x.size + 1, np.int64), np.empty(x.size), np.zeros(x.size)
+    lanes = np.ones(DISC_BUFFER)
     cell, area = np.empty(room * PATCH**2, np.int32), np.empty(room * PATCH**2)
     _areas_in_patches(grid.axes, radius, of, *patches, lanes, start, outside, inside, cell, area)
     return Coverage(start, cell[: start[-1]], area[: start[-1]], grid.size, outside, inside)
