@@ -212,7 +212,7 @@ def _reached(cells, x, y, r):
 
 
 @jit
-def _most(cells, i0, i1, j0, j1):
+def _polygons_in_bins(cells, i0, i1, j0, j1):
     """No more cells than so many lie in a block of columns and rows."""
     start, nx, count = cells.bins.start, cells.bins.raster[0], 0
     for j in range(j0, j1 + 1):
@@ -221,7 +221,7 @@ def _most(cells, i0, i1, j0, j1):
 
 
 @jit
-def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m):
+def _areas_in_bins(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m):
     """Areas of a disc in the cells of a block, put behind the first m: how many there are now, and their sum."""
     bins, least, total = cells.bins, ROUND_OFF * math.pi * r * r, 0.0
     low, box = bins.low, bins.box
@@ -246,7 +246,7 @@ def _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m):
 
 
 @in_place
-def _coverage(
+def _areas_in_polygons(
     cells, bounds, lengths, x, y, radius, of, first, start, outside, inside, cell, area
 ):  # fmt: skip
     """Areas of discs, and of their images, in cells, from the first disc on: fills start, outside, inside, cell, area.
@@ -265,9 +265,9 @@ def _coverage(
             for along_x in range(first_x, last_x + 1):
                 cx, cy = x[k] + along_x * lengths[0], y[k] + along_y * lengths[1]
                 i0, i1, j0, j1 = _reached(cells, cx, cy, r)
-                if m + _most(cells, i0, i1, j0, j1) > cell.size:
+                if m + _polygons_in_bins(cells, i0, i1, j0, j1) > cell.size:
                     return k
-                m, amount = _areas(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m)
+                m, amount = _areas_in_bins(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m)
                 total += amount
         start[k + 1], inside[k] = m, total
         outside[k] = math.pi * r * r - total if of[k] else 0.0
@@ -508,7 +508,7 @@ def _in_polygons(
     start, outside, inside = np.zeros(n + 1, np.int64), np.empty(n), np.empty(n)
     cell, area = np.empty(12 * n, np.int32), np.empty(12 * n)
     while True:
-        done = _coverage(
+        done = _areas_in_polygons(
             cells, grid.bounds, lengths, x, y, radius, of, done, start, outside, inside, cell, area
         )
         if done == n:
