@@ -57,10 +57,19 @@ def _check_law(place: str, value: object, kinds: list[type], known: list[type]) 
 
 
 def unmasked(values: ArrayLike) -> np.ndarray:
-    """Numbers as float64, NaN where a masked array, as netCDF4 gives, has none: what lies under a mask is no value."""
-    if isinstance(values, np.ma.MaskedArray):
-        return values.astype(np.float64).filled(np.nan)
-    return np.asarray(values, np.float64)
+    """Numbers as float64, NaN where a masked array, as netCDF4 gives, has none: what lies under a mask is no value.
+
+    Raises
+    ------
+    InputError
+        for what is not real: numpy would take numbers out of texts, and leave out the imaginary part of others.
+    """
+    array = np.asanyarray(values)
+    if array.dtype.kind not in "fiubO":
+        raise InputError(f"values of type {array.dtype}: must be real numbers")
+    if isinstance(array, np.ma.MaskedArray):
+        return array.astype(np.float64).filled(np.nan)
+    return np.asarray(array, np.float64)
 
 
 def is_number(value: object) -> bool:

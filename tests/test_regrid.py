@@ -513,3 +513,10 @@ def test_what_lies_under_a_mask_is_no_value():
     with pytest.raises(InputError, match="nan on wet cell 1 of the source"):
         Regrid(grid, grid).state(values)
     assert Regrid(dry, grid).state(values).tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize("values", [[1 + 2j, 2.0], ["1", "2"]])
+def test_values_that_are_not_real_are_refused(values):
+    grid = Grid.uniform((0, 2), (0, 1), 1)
+    with pytest.raises(InputError, match="must be real numbers"):
+        Regrid(grid, grid).state(values)
