@@ -6,6 +6,7 @@ need when they are called, so that help comes at once.
 """
 
 import contextlib
+import shlex
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -274,11 +275,27 @@ def run(
         click.echo("\n".join(f"wrote {path}" for path in files))
     if not report.finished:
         click.echo(
-            f"floebmi: stopped at t = {report.end:g} s; go on with: floebmi run {scene} "
-            f"--restart {last_state} --to ANOTHER_FOLDER",
+            f"floebmi: stopped at t = {report.end:g} s; go on with: "
+            + _going_on(scene, overrides, duration, accuracy, last_state),
             err=True,
         )
         sys.exit(130)
+
+
+def _going_on(
+    scene: str,
+    overrides: tuple[str, ...],
+    duration: float | None,
+    accuracy: float | None,
+    state: Path,
+) -> str:
+    """The command that goes on with the run that these options began, and ends it where it would have."""
+    words = ["floebmi", "run", scene]
+    words += [word for change in overrides for word in ("--set", change)]
+    for option, value in (("--duration", duration), ("--accuracy", accuracy)):
+        if value is not None:
+            words += [option, repr(value)]
+    return shlex.join([*words, "--restart", str(state), "--to", "ANOTHER_FOLDER"])
 
 
 def _as_accurate(
@@ -407,14 +424,14 @@ def tradeoff(
     Every setting runs with the same seeds and is compared with a fine reference; * marks the front, settings
     that no other beats in both. Runs that have finished are kept beside the file and not run again.
     """
-    from floebmi import tradeoff as trade
+    from floebmi import plot as draw, tradeoff as trade
 
     made = trade.tradeoff(
         scene, overrides, error=error, of=of, seeds=seeds, duration=duration, budget=budget, to=target,
         jobs=jobs, progress=not quiet,
     )  # fmt: skip
     picture = made.path.with_suffix(".png")
-    trade.figure(made.data, made.data.attrs["title"]).savefig(picture, dpi=160)
+    draw.save(trade.figure(made.data, made.data.attrs["title"]), picture)
     if not quiet:
         of, best = made.data.attrs["of"], trade.recommended(made.data, error)
         click.echo(f"{made.why}\n{trade.table(made.data)}")
@@ -576,7 +593,7 @@ def plot(
 
         target = _target(target, file.with_suffix(".png"), force)
         data = trade.read(file)
-        trade.figure(data, data.attrs["title"]).savefig(target, dpi=160)
+        draw.save(trade.figure(data, data.attrs["title"]), target)
         click.echo(f"wrote {target}")
         return
     files = _outputs(file)

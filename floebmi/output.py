@@ -76,11 +76,11 @@ def _told(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _in_one_go(path: Path, overwrite: bool) -> Iterator[Path]:
+def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
     """A name to write a file under, which takes its own name when it is whole.
 
     Another process may be making the same file: it has a name of its own, and the second to be whole does not
-    replace the first unasked.
+    replace the first unasked.  An OSError that names no file gets the name of this one.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
@@ -89,6 +89,10 @@ def _in_one_go(path: Path, overwrite: bool) -> Iterator[Path]:
             os.replace(part, path)
         else:
             _rename(part, path)
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
     finally:
         part.unlink(missing_ok=True)
 
@@ -150,7 +154,7 @@ class _GrowingFile:
             raise InputError(f"{self.path}: frame at {time} s, but the last is at {self._last} s")
         with _told(self.path):
             if self._data is None:
-                with _in_one_go(self.path, self._overwrite) as part, Dataset(part, "w") as data:
+                with in_one_go(self.path, self._overwrite) as part, Dataset(part, "w") as data:
                     yield data, 0
                 self._size = self._most = self.path.stat().st_size
                 self._data = Dataset(self.path, "a")
@@ -943,7 +947,7 @@ def save_restart(
     flat = dict(_flatten(state, ()))
     packed = {name: _pack(name, value) for name, value in flat.items()}
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
-    with _told(path), _in_one_go(path, overwrite=True) as part:
+    with _told(path), in_one_go(path, overwrite=True) as part:
         with Dataset(part, "w") as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)

@@ -10,7 +10,6 @@ exact and every reader of VTK takes them without a compressor.
 """
 
 import base64
-import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError
-from floebmi.output import open_file
+from floebmi.output import in_one_go, open_file
 from floebmi.variables import FLOE_VARIABLES, VARIABLES
 
 if TYPE_CHECKING:
@@ -73,14 +72,14 @@ def export(
         entries = []
         for k, (suffix, text) in enumerate(frames):
             file = folder / f"{name}_{k:05d}.{suffix}"
-            file.write_text(text)
+            with in_one_go(file) as part:
+                part.write_text(text)
             entries.append(f'<DataSet timestep="{times[k]!r}" file="{file.name}"/>')
             if progress is not None:
                 progress(k + 1, len(times))
     collection = folder / f"{name}.pvd"
-    part = collection.with_name(collection.name + ".part")
-    part.write_text(_document("Collection", entries))
-    os.replace(part, collection)
+    with in_one_go(collection) as part:
+        part.write_text(_document("Collection", entries))
     return collection
 
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.output import open_file
+from floebmi.output import in_one_go, open_file
 from floebmi.variables import VARIABLES, find
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def frame(
         k = _frame_number(trajectories, time, len(view.time))
         picture = _FloePicture(view, color, arrows, limits, title, size)
         picture.show(k)
-        return _save(picture.figure, to)
+        return save(picture.figure, to)
 
 
 def field(
@@ -210,7 +210,7 @@ def field(
             _draw_arrows(axes, view, arrows, k)
         _draw_scale_bar(axes, view)
         axes.set_title(view.clock.text(k), loc="right", pad=7)
-        return _save(figure, to)
+        return save(figure, to)
 
 
 def ledger(
@@ -241,7 +241,7 @@ def ledger(
         data = files.enter_context(open_file(path, "trajectories", "gridded"))
         if not len(data.dimensions["time"]):
             raise InputError(f"{path}: has no frame yet")
-        return _save(_ledger_figure(data, title, size), to)
+        return save(_ledger_figure(data, title, size), to)
 
 
 def animate(
@@ -347,7 +347,8 @@ def page(
     blank = Path(__file__).with_name("view.html").read_text(encoding="utf-8")
     # "</" would end the script that holds the data
     told = json.dumps(run, ensure_ascii=False).replace("</", "<\\/")
-    to.write_text(blank.replace("{{ run }}", told), encoding="utf-8")
+    with in_one_go(to) as part:
+        part.write_text(blank.replace("{{ run }}", told), encoding="utf-8")
     return to
 
 
@@ -572,7 +573,8 @@ def _inches(size: int) -> tuple[float, float]:
     return width, size / width
 
 
-def _save(figure: "Figure", to: str | Path | None) -> "Figure":
+def save(figure: "Figure", to: str | Path | None) -> "Figure":
+    """The figure, saved in a file that appears when it is whole; InputError for a name that cannot be."""
     if to is not None:
         to = Path(to)
         kinds = figure.canvas.get_supported_filetypes()
@@ -580,7 +582,8 @@ def _save(figure: "Figure", to: str | Path | None) -> "Figure":
             raise InputError(f"{to}: {choose(to.suffix, [f'.{kind}' for kind in kinds])}")
         if not to.parent.is_dir():
             raise InputError(f"{to}: there is no folder {to.parent}")
-        figure.savefig(to)
+        with in_one_go(to) as part:
+            figure.savefig(part, format=to.suffix[1:])
     return figure
 
 

@@ -507,7 +507,7 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
     here = here.where(here.error > 0, drop=True)
     with matplotlib.rc_context(plot.style() | {"axes.facecolor": "white"}):
         drawn, (ax, names) = plt.subplots(
-            1, 2, figsize=(10.5, 4.6), layout="constrained", width_ratios=(1, 0.95)
+            1, 2, figsize=(10.5, 4.6), dpi=160, layout="constrained", width_ratios=(1, 0.95)
         )
         line = [s for s in on_front if s in here.setting.values]
         ax.plot(

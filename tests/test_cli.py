@@ -1,6 +1,7 @@
 """The command line: what it prints, what it leaves, and how it refuses."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -289,6 +290,25 @@ def test_ctrl_c_ends_with_130_readable_files_and_the_command_that_goes_on(
     assert 0.0 < state["time"] < 15.0
 
 
+def test_the_command_that_goes_on_ends_the_run_where_and_as_it_would_have_ended(
+    cli, tmp_path, monkeypatch
+):
+    update = running._Meter.update
+
+    def press(meter, model):
+        update(meter, model)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    options = ["--set", "time.duration=15", "--set", 'title="two of them"', "--duration", 20]
+    with monkeypatch.context() as pressing:
+        pressing.setattr(running._Meter, "update", press)
+        stopped = cli("run", "two-floes", "--quiet", "--to", "a folder", *options)
+    command = shlex.split(stopped.stderr.partition("go on with: floebmi ")[2])
+    assert cli(*command).exit_code == 0
+    whole, attributes = load_restart(tmp_path / "ANOTHER_FOLDER" / "restart.nc")
+    assert (whole["time"], attributes["title"]) == (20.0, "two of them")
+
+
 # ---- explain, scene ---------------------------------------------------------------------------
 
 
@@ -360,6 +380,27 @@ def test_plot_animate_and_export_work_on_a_run(cli, ran, tmp_path):
     assert wrong.exit_code == 2
     assert "did you mean 'speed'?" in wrong.stderr
     assert "gridded.nc" in cli("plot", ran, "--variable", "area_fraction").stderr
+
+
+def test_a_picture_a_page_and_paraview_files_are_whole_or_not_there(cli, ran, tmp_path):
+    resource = pytest.importorskip("resource")
+    assert cli("plot", ran, "--to", "a.png").exit_code == 0
+    earlier = (tmp_path / "a.png").read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for args, file in (
+        (["plot", ran, "--to", "a.png", "--force"], "a.png"),
+        (["plot", ran, "--ledger", "--to", "b.svg"], "b.svg"),
+        (["view", ran, "--to", "c.html"], "c.html"),
+        (["export", ran, "--to", "d"], "d/floes_00000.vtp"),
+    ):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))  # a disk that is full
+        try:
+            result = cli(*args)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert (result.exit_code, result.stderr) == (2, f"floebmi: {file}: File too large\n")
+    assert [path.name for path in sorted(tmp_path.rglob("*")) if path.is_file()] == ["a.png"]
+    assert (tmp_path / "a.png").read_bytes() == earlier
 
 
 # ---- the main job -----------------------------------------------------------------------------
