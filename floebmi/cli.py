@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from floebmi import __version__
@@ -227,7 +228,9 @@ def run(
     trajectories = folder / "floes.nc" if read.output.trajectories else None
     picture = folder / f"{read.name}.png" if read.output.picture and trajectories else None
     last_state = folder / "restart.nc"
-    paraview = folder / "paraview" if read.output.paraview and trajectories else None
+    paraview = folder / "paraview" if read.output.paraview else None
+    if paraview is not None and trajectories is None:
+        raise InputError(f"{read.file}: [output] paraview = true: needs trajectories = true")
     targets = [path for path in (gridded, trajectories, picture, last_state, paraview) if path]
     _refuse_to_overwrite(folder, targets, force)
     state = load_restart(restart)[0] if restart is not None else None
@@ -598,11 +601,13 @@ def plot(
         return
     files = _outputs(file)
     if ledger:
+        _refuse("--ledger", "color", "variable", "number", "arrows")
         target = _target(target, files.first.with_name("ledger.png"), force)
         draw.ledger(files.first, target)
     elif variable is not None or files.trajectories is None:
         if files.gridded is None:
             raise InputError(f"{file}: --variable {variable}: needs the gridded.nc of the run")
+        _refuse("a map of gridded.nc", "color")
         name = variable or "area_fraction"
         target = _target(target, files.gridded.with_name(f"{name}.png"), force)
         draw.field(files.gridded, name, number, target, arrows=arrows)
@@ -610,6 +615,15 @@ def plot(
         target = _target(target, files.trajectories.with_suffix(".png"), force)
         draw.frame(files.trajectories, files.gridded, number, color, target, arrows=arrows)
     click.echo(f"wrote {target}")
+
+
+def _refuse(what: str, *parameters: str) -> None:
+    """InputError for one of these parameters on the command line: `what` would not show it."""
+    ctx = click.get_current_context()
+    for parameter in ctx.command.params:
+        given = parameter.name in parameters and ctx.get_parameter_source(parameter.name)
+        if given is ParameterSource.COMMANDLINE:
+            raise InputError(f"{parameter.opts[0]}: {what} does not show it; leave it out")
 
 
 @floebmi.command()

@@ -522,7 +522,7 @@ def _canvas(
     axes.set_xlabel(f"x [{view.length[1]}]")
     axes.set_ylabel(f"y [{view.length[1]}]")
     axes.set_aspect("equal")
-    axes.set_title("\n".join(lines), loc="left", pad=7)
+    axes.set_title("\n".join(lines), loc="left", pad=7, parse_math=False)  # "$" is a dollar
     axes.set_axisbelow(False)
     if bar is not None:
         from matplotlib.cm import ScalarMappable
@@ -1084,7 +1084,7 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
     figure.legend(lines.values(), lines, loc="outside lower center", ncols=4)
     title = f"{getattr(data, 'title', '')}: gains since the first frame" if title is None else title
     title = "\n".join(textwrap.wrap(title, int(0.95 * width * LETTERS_PER_INCH)))
-    figure.suptitle(title, ha="left", x=0.02, fontsize=10)
+    figure.suptitle(title, ha="left", x=0.02, fontsize=10, parse_math=False)
     return figure
 
 

@@ -109,6 +109,10 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         (["run", "two-floes", "--set", "time.duration=0"], "--set time.duration=0: must be greater"),
         (["run", "two-floes", "--set", "tim.duration=1"], "did you mean 'time'?"),
         (["run", "two-floes", "--set", "output.gridded=true"], "[output] gridded = true: needs a [grid]"),
+        (
+            ["run", "two-floes", "--set", "output.trajectories=false", "--set", "output.paraview=true"],
+            "[output] paraview = true: needs trajectories = true",
+        ),
         (["run", "two-floes", "--restart", "no.nc"], "no.nc"),
         (
             ["run", "periodic-box", "--accuracy", "0.5", "--set", "contact.friction=0.4"],
@@ -380,6 +384,27 @@ def test_plot_animate_and_export_work_on_a_run(cli, ran, tmp_path):
     assert wrong.exit_code == 2
     assert "did you mean 'speed'?" in wrong.stderr
     assert "gridded.nc" in cli("plot", ran, "--variable", "area_fraction").stderr
+
+
+def test_plot_refuses_options_that_the_picture_would_not_show(cli, ran, tmp_path):
+    for args, said in (
+        (["--ledger", "--variable", "area_fraction"], "--variable: --ledger does not show it"),
+        (["--ledger", "--time", "0"], "--time: --ledger does not show it"),
+        (["--ledger", "--color", "speed"], "--color: --ledger does not show it"),
+    ):
+        result = cli("plot", ran, "--to", "a.png", *args)
+        assert (result.exit_code, said in result.stderr) == (2, True), result.stderr
+    assert cli("run", "periodic-box", "--quiet", "--to", "box", "--duration", 1).exit_code == 0
+    result = cli("plot", "box", "--to", "a.png", "--variable", "thickness", "--color", "thickness")
+    assert "--color: a map of gridded.nc does not show it" in result.stderr
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_a_title_with_dollars_is_written_as_it_stands(cli, tmp_path):
+    dollars = r"""title='a $\frac$ of 5'"""
+    assert cli(*fast("--set", dollars)).exit_code == 0
+    assert (tmp_path / "two-floes" / "two-floes.png").exists()
+    assert cli("plot", "two-floes", "--ledger").exit_code == 0
 
 
 def test_a_picture_a_page_and_paraview_files_are_whole_or_not_there(cli, ran, tmp_path):
