@@ -90,7 +90,7 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
         else:
             _rename(part, path)
     except OSError as error:
-        if error.filename is None:
+        if error.errno is not None and error.filename is None:
             error.filename = str(path)
         raise
     finally:
