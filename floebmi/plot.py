@@ -574,7 +574,17 @@ def _inches(size: int) -> tuple[float, float]:
 
 
 def save(figure: "Figure", to: str | Path | None) -> "Figure":
-    """The figure, saved in a file that appears when it is whole; InputError for a name that cannot be."""
+    """The figure, saved in a file that appears when it is whole.
+
+    Parameters
+    ----------
+    to : the picture's file, of a kind that matplotlib writes; None: it is not saved
+
+    Raises
+    ------
+    InputError
+        for another kind of file, or a folder that is not there.
+    """
     if to is not None:
         to = Path(to)
         kinds = figure.canvas.get_supported_filetypes()
