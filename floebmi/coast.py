@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
+from floebmi.projection import check_projection, to_plane
 from floebmi.quantities import is_number, unmasked
 
 if TYPE_CHECKING:
@@ -252,19 +253,14 @@ def read_features(
 def _projected(
     features: list[tuple[str, "shapely.Geometry", dict]], projection: str
 ) -> list[tuple[str, "shapely.Geometry", dict]]:
-    import pyproj
     import shapely
 
-    try:
-        transformer = pyproj.Transformer.from_crs("EPSG:4326", projection, always_xy=True)
-    except pyproj.exceptions.CRSError:
-        raise InputError(
-            f"projection = {projection!r}; must be a projection that pyproj reads, such as "
-            "'EPSG:3413'"
-        ) from None
+    check_projection(projection)
     moved = []
     for name, geometry, properties in features:
-        geometry = shapely.transform(geometry, transformer.transform, interleaved=False)
+        geometry = shapely.transform(
+            geometry, lambda lon, lat: to_plane(projection, lon, lat), interleaved=False
+        )
         if not np.isfinite(shapely.get_coordinates(geometry)).all():
             raise InputError(f"{name}: has points outside the projection {projection!r}")
         moved.append((name, geometry, properties))

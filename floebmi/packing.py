@@ -333,6 +333,8 @@ def read_floes(
         naming file, row or feature, column and value.
     """
     path = Path(path)
+    if thickness is not None and not (is_number(thickness) and thickness > 0):
+        raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
     suffix = path.suffix.lower()
     if suffix == ".csv":
         if projection is not None:
@@ -458,6 +460,9 @@ def _csv_rows(path: Path) -> list[tuple[str, dict[str, object]]]:
     for name in ("x", "y"):
         if name not in header:
             raise InputError(f"{path}: has no column {name!r}; {choose(name, header)}")
+    for name in _FLOE_COLUMNS:
+        if header.count(name) > 1:
+            raise InputError(f"{path}: has {header.count(name)} columns {name!r}; must be one")
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(header):
@@ -478,6 +483,12 @@ def _geojson_rows(path: Path, projection: str | None) -> list[tuple[str, dict[st
             if {"radius", "area"} & row.keys():
                 raise InputError(
                     f"{name}: a polygon has its own area; radius and area are for points"
+                )
+            if not geometry.is_valid:
+                import shapely
+
+                raise InputError(
+                    f"{name}: {shapely.is_valid_reason(geometry)}; must be a valid polygon"
                 )
             row["area"] = geometry.area
         elif geometry.geom_type != "Point":

@@ -216,7 +216,7 @@ def test_geojson_in_degrees_needs_a_projection(tmp_path):
     coast = from_geojson(path, radius=1000.0, projection="EPSG:3413")
     # one degree of latitude is about 111 km, one of longitude at 80 N about 19 km
     assert land_geometry(coast.polygons).area == pytest.approx(111e3 * 19e3 / 2, rel=0.1)
-    with pytest.raises(InputError, match="must be a projection that pyproj reads"):
+    with pytest.raises(InputError, match="give a PROJ string or a code such as 'EPSG:3413'"):
         from_geojson(path, radius=1000.0, projection="EPSG:nowhere")
 
 

@@ -505,6 +505,7 @@ def test_a_csv_file_gives_its_floes_in_any_order_and_case_of_columns(tmp_path):
             "x,y,radius,area,thickness\n0,0,1,1,1\n",
             "must have a column 'radius' or 'area', and not",
         ),
+        ("x,y,radius,thickness,Radius\n0,0,1,1,9\n", "has 2 columns 'radius'; must be one"),
         ("x,y,radius\n0,0,1\n", "has no thickness; give one"),
         ("x,y,radius,thickness,motion\n0,0,1,1,9\n", "floe 0: motion = 9"),
         ("", "empty; must have a header line"),
@@ -525,6 +526,13 @@ def test_a_second_thickness_and_other_endings_are_refused(tmp_path):
         read_floes(tmp_path / "floes.txt")
     with pytest.raises(InputError, match="No such file"):
         read_floes(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("thickness", [-1.0, np.nan, "1 m", [1.0, 2.0]])
+def test_a_thickness_that_is_no_length_is_refused(tmp_path, thickness):
+    path = write(tmp_path, "floes.csv", "x,y,radius\n0,0,1\n0,9,1\n")
+    with pytest.raises(InputError, match="thickness = .* m; must be greater than 0"):
+        read_floes(path, thickness=thickness)
 
 
 def features(*pairs):
@@ -552,6 +560,23 @@ def test_geojson_in_degrees_is_projected(tmp_path):
     assert floes.x[0] == pytest.approx(0.0, abs=1e-6) and -1.2e6 < floes.y[0] < -1.0e6
     with pytest.raises(InputError, match="look like degrees"):
         read_floes(path, thickness=1.0)
+
+
+def test_a_plane_in_other_units_than_metres_gives_metres_and_degrees_are_no_plane(tmp_path):
+    given = features(({"type": "Point", "coordinates": [-45.0, 80.0]}, {"radius": 10}))
+    path = write(tmp_path, "a.geojson", given)
+    plane = "+proj=laea +lat_0=82 +lon_0=-30 +datum=WGS84"
+    metres, feet = (read_floes(path, 1.0, f"{plane} +units={unit}") for unit in ("m", "ft"))
+    np.testing.assert_allclose([feet.x, feet.y], [metres.x, metres.y], rtol=1e-12)
+    with pytest.raises(InputError, match="not a plane in metres"):
+        read_floes(path, 1.0, "EPSG:4326")
+
+
+def test_a_polygon_that_crosses_itself_is_no_floe(tmp_path):
+    bow = [[0, 0], [1000, 1000], [1000, 0], [0, 2000], [0, 0]]  # its signed areas do not cancel
+    given = features(({"type": "Polygon", "coordinates": [bow]}, {}))
+    with pytest.raises(InputError, match="feature 0: Self-intersection.*must be a valid polygon"):
+        read_floes(write(tmp_path, "a.geojson", given), thickness=1.0)
 
 
 @pytest.mark.parametrize(
