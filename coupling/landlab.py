@@ -68,11 +68,15 @@ def cells_of(grid: ModelGrid) -> Grid:
     Raises
     ------
     InputError
-        (a ValueError) for networks and globes, whose cells are no polygons in a plane.
+        (a ValueError) for networks and globes, whose cells are no polygons in a plane, and for grids without cells.
     """
     if not isinstance(grid, _FLAT):
         names = ", ".join(kind.__name__ for kind in _FLAT)
         raise InputError(f"{type(grid).__name__}: has no cells in a plane; must be one of {names}")
+    if not grid.number_of_cells:
+        raise InputError(
+            f"{type(grid).__name__}: has no cells; must have nodes that others surround"
+        )
     wet = grid.status_at_node[grid.node_at_cell] != grid.BC_NODE_IS_CLOSED
     return Grid.unstructured(grid.x_of_corner, grid.y_of_corner, grid.corners_at_cell, wet)
 
@@ -211,6 +215,7 @@ class SeaIceFloes(Component):
         cells = cells_of(grid)
         for row in _INPUTS:
             if row.csdms not in grid.at_node:
+                _refuse_elsewhere(grid, row.csdms)
                 grid.add_zeros(row.csdms, at="node", units=row.units)
         super().__init__(grid)
         self._rescue = rescue
@@ -477,6 +482,13 @@ def _box(grid: ModelGrid, cells: Grid, edges: str) -> Domain:
         (max(south, float(y.min())), min(north, float(y.max()))),
         edges, edges, edges, edges,
     )  # fmt: skip
+
+
+def _refuse_elsewhere(grid: ModelGrid, name: str) -> None:
+    """InputError for an input that is there, but not at nodes: it would not be read."""
+    for element in sorted(grid.groups - {"node"}):
+        if grid.has_field(name, at=element):
+            raise InputError(f"{name}: is at {element}; must be at node, where it is read")
 
 
 def _digest(grid: ModelGrid) -> str:

@@ -242,7 +242,21 @@ def test_networks_and_globes_are_refused(grid):
     assert "\n" not in str(caught.value)
 
 
+def test_a_grid_without_cells_is_refused():
+    with pytest.raises(ValueError, match="RasterModelGrid: has no cells"):
+        SeaIceFloes(RasterModelGrid((2, 2)))
+
+
 # ---- fields -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("element", ["link", "cell"])
+def test_an_input_that_is_not_at_nodes_is_refused(element):
+    grid = RasterModelGrid((5, 5), xy_spacing=1000.0)
+    name = "sea_surface_water_flowing__x_component_of_velocity"
+    grid.add_zeros(name, at=element)
+    with pytest.raises(ValueError, match=f"{name}: is at {element}; must be at node"):
+        SeaIceFloes(grid)
 
 
 def test_inputs_are_looked_up_afresh_and_outputs_are_written_in_place():
