@@ -455,8 +455,8 @@ def _on_rows(rows: _Rows, domain: Domain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _csv_rows(path: Path) -> list[tuple[str, dict[str, object]]]:
-    lines = csv_lines(path)
-    header = [name.strip().lower() for name in lines[0]]
+    (_, first), *lines = csv_lines(path)
+    header = [name.strip().lower() for name in first]
     for name in ("x", "y"):
         if name not in header:
             raise InputError(f"{path}: has no column {name!r}; {choose(name, header)}")
@@ -464,7 +464,7 @@ def _csv_rows(path: Path) -> list[tuple[str, dict[str, object]]]:
         if header.count(name) > 1:
             raise InputError(f"{path}: has {header.count(name)} columns {name!r}; must be one")
     rows = []
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in lines:
         if len(line) != len(header):
             raise InputError(f"{path}: row {number} has {len(line)} values; must be {len(header)}")
         rows.append((f"row {number}", dict(zip(header, line, strict=True))))

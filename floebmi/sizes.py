@@ -212,11 +212,15 @@ def _row(name: str, values: tuple[float, ...]) -> np.ndarray:
     return row
 
 
-def csv_lines(path: Path) -> list[list[str]]:
-    """The lines of a CSV file that are not blank, the header first; InputError if it cannot be read."""
+def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """The lines of a CSV file that are not blank and their numbers in it, the header first.
+
+    InputError if it cannot be read.
+    """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [row for row in csv.reader(file) if any(map(str.strip, row))]
+            reader = csv.reader(file)
+            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
@@ -240,22 +244,23 @@ def from_file(path: str | Path) -> Histogram | Empirical:
         naming file, row, column and value.
     """
     path = Path(path)
-    header, *rows = csv_lines(path)
+    (first, header), *rows = csv_lines(path)
     if len(header) > 2 or len(rows) < len(header):
         raise InputError(
             f"{path}: {len(header)} columns and {len(rows)} rows; must be one column of radii, or "
             "two columns of edge and count with at least two rows"
         )
     if _is_number(header[0]):
-        raise InputError(f"{path}: row 1 = {header[0]!r}; must be a header, such as 'radius'")
+        raise InputError(f"{path}: row {first} = {header[0]!r}; must be a header, such as 'radius'")
     columns: list[list[float]] = [[] for _ in header]
-    for number, row in enumerate(rows, start=2):
-        if len(row) == 1 and number == len(rows) + 1 and len(header) == 2:
+    last = rows[-1][0]
+    for number, row in rows:
+        if len(row) == 1 and number == last and len(header) == 2:
             row = [row[0], ""]
         if len(row) != len(header):
             raise InputError(f"{path}: row {number} has {len(row)} values; must be {len(header)}")
         for column, (name, text) in enumerate(zip(header, row, strict=True)):
-            if column == 1 and number == len(rows) + 1 and not text.strip():
+            if column == 1 and number == last and not text.strip():
                 text = "0"
             if not _is_number(text):
                 raise InputError(
@@ -268,7 +273,7 @@ def from_file(path: str | Path) -> Histogram | Empirical:
     else:
         if columns[1][-1] != 0:
             raise InputError(
-                f"{path}: row {len(rows) + 1}, column {header[1].strip()!r}: {columns[1][-1]:g} "
+                f"{path}: row {last}, column {header[1].strip()!r}: {columns[1][-1]:g} "
                 "must be 0 or empty, for the last row only closes the last bin"
             )
         sizes = Histogram(tuple(columns[0]), tuple(columns[1][:-1]))

@@ -498,6 +498,7 @@ def test_a_csv_file_gives_its_floes_in_any_order_and_case_of_columns(tmp_path):
         ),
         ("x,y,radius,thickness\n0,zero,10,1\n", "row 2, column 'y': 'zero' must be a number"),
         ("x,y,radius,thickness\n0,nan,10,1\n", "row 2, column 'y': 'nan' must be a finite number"),
+        ("x,y,radius,thickness\n\n0,0,9,1\n\n0,zero,10,1\n", "row 5, column 'y': 'zero'"),
         ("x,y,radius,thickness\n0,0,10\n", "row 2 has 3 values; must be 4"),
         ("x,y,radius,thickness\n0,0,10,\n", "row 2, column 'thickness': '' must be a number"),
         ("x,yy,radius,thickness\n0,0,10,1\n", "has no column 'y'; allowed"),

@@ -147,6 +147,7 @@ def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
         ("radius\n-1\n", "radii[0] = -1 m; must be greater than 0"),
         ("edge,count\n10,3\n20,1\n", "row 3, column 'count': 1 must be 0 or empty"),
         ("edge,count\n10,3\n5,\n", "must be greater than 0, and rise"),
+        ("\nedge,count\n\n10,3\n20,1\n", "row 5, column 'count': 1 must be 0 or empty"),
         ("edge,count\n10,3,4\n20,\n", "row 2 has 3 values; must be 2"),
         ("a,b,c\n1,2,3\n", "3 columns"),
         ("radius\n", "0 rows"),
