@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
 from floebmi.bonds import TensileStrength
-from floebmi.boundaries import Domain, Edge, Inflow, Wall, check_domain
+from floebmi.boundaries import Domain, Edge, Feeder, Inflow, Wall, check_domain
 from floebmi.clock import Calendar, date_of
 from floebmi.contact import (
     CompressiveFailure,
@@ -754,6 +754,9 @@ class Scene(Table):
                 atmosphere_grid=wind_grid,
                 threads=self.threads,
             )
+        with self.place("inflow"):
+            for inflow in model.inflow:
+                _check_open(inflow, domain, land)
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
         if self.ocean is not None:
@@ -966,6 +969,27 @@ def _check_inside(floes: Floes, domain: Domain) -> None:
         raise InputError(
             f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
             f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
+        )
+
+
+def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> None:
+    """Refuse land along a stretch where floes come in: only its shore is lined, new floes would come in behind it."""
+    if not polygons:
+        return
+    import shapely
+
+    from floebmi.coast import land_geometry
+
+    at, (begin, end) = domain.position(inflow.edge), Feeder(inflow, domain).span
+    at += 1e-3 * inflow.sizes.range[0] * (1.0 if inflow.edge in ("west", "south") else -1.0)
+    across_y = inflow.edge in ("west", "east")
+    ends = [(at, begin), (at, end)] if across_y else [(begin, at), (end, at)]
+    land = shapely.intersection(land_geometry(polygons), shapely.LineString(ends))
+    if land.length > 0:
+        low, high = shapely.bounds(land).reshape(2, 2)[:, 1 if across_y else 0]
+        raise InputError(
+            f"land lies along the edge {inflow.edge} between {low:g} and {high:g} m; give open water as span, one "
+            "table for each stretch"
         )
 
 

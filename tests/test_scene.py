@@ -408,6 +408,31 @@ concentration = 0.3
     assert len(built.land) == 1
 
 
+@pytest.mark.parametrize("west", [-100, 0])  # beyond the edge, and up to it
+def test_floes_do_not_come_in_over_land(write, west):
+    ring = [[west, 300], [400, 300], [400, 700], [west, 700], [west, 300]]
+    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
+    path = write(
+        """
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+[coast]
+geojson = "land.geojson"
+radius = 20
+[inflow]
+edge = "west"
+sizes = { distribution = "single", radius = 20 }
+velocity = [0.1, 0]
+"""
+    )
+    said = "[inflow] land lies along the edge west between 300 and 700 m; give open water as span"
+    assert said in refused(path)
+    model = read_scene(path, ["inflow.span=[0, 300]"]).build().model
+    model.advance(600.0)
+    assert len(model.floes) > (model.floes.motion != 0).sum()  # some came in
+
+
 # ---- gridded files ----------------------------------------------------------------------------
 
 PLANE = "+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +datum=WGS84"
