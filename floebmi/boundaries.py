@@ -235,12 +235,15 @@ class Feeder:
             added.append(floes.add(*place, self.waiting, self.inflow.thickness, u, v))
             self.waiting = None
 
+    def across(self, depth: float) -> float:
+        """The coordinate of a place so far inside the edge [m]."""
+        return self.domain.position(self.inflow.edge) + _SIDE[self.inflow.edge] * depth
+
     def _room(
         self, floes: Floes, radius: float, rng: np.random.Generator
     ) -> tuple[float, float] | None:
         """A random free place for a disc that touches the edge from inside, if there is one."""
-        edge = self.inflow.edge
-        across = self.domain.position(edge) + _SIDE[edge] * radius
+        across = self.across(radius)
         other, along = (floes.x, floes.y) if self.axis == 0 else (floes.y, floes.x)
         begin, end = _free(
             other - across, along, floes.radius + radius, floes.active, self.span[0] + radius,

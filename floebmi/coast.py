@@ -149,10 +149,6 @@ def from_geojson(
     for name, geometry, _ in read_features(path, projection):
         if geometry.geom_type not in ("Polygon", "MultiPolygon"):
             raise InputError(f"{name}: {geometry.geom_type}; must be Polygon or MultiPolygon")
-        if not geometry.is_valid:
-            raise InputError(
-                f"{name}: {shapely.is_valid_reason(geometry)}; must be a valid polygon"
-            )
         land = land.union(geometry)
     return _coast(land, radius, thickness)
 
@@ -207,7 +203,8 @@ def read_features(
     Raises
     ------
     InputError
-        if the file is no GeoJSON, or its coordinates look like degrees and no projection is given.
+        if the file is no GeoJSON, its coordinates look like degrees and no projection is given, or a polygon crosses
+        itself.
     """
     import shapely
     import shapely.geometry
@@ -239,14 +236,18 @@ def read_features(
         found.append((name, shapely.force_2d(geometry), properties))
     if not found:
         raise InputError(f"{path}: holds no features")
-    if projection is not None:
-        return _projected(found, projection)
     points = shapely.get_coordinates([geometry for _, geometry, _ in found])
-    if (abs(points[:, 0]) <= 360).all() and (abs(points[:, 1]) <= 90).all():
+    if projection is not None:
+        found = _projected(found, projection)
+    elif (abs(points[:, 0]) <= 360).all() and (abs(points[:, 1]) <= 90).all():
         raise InputError(
             f"{path}: all coordinates are within 360 and 90, so they look like degrees; give the "
             "projection of the domain"
         )
+    for name, geometry, _ in found:
+        if not geometry.is_valid:
+            reason = shapely.is_valid_reason(geometry)
+            raise InputError(f"{name}: {reason}; must be a valid polygon")
     return found
 
 

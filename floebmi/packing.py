@@ -484,12 +484,6 @@ def _geojson_rows(path: Path, projection: str | None) -> list[tuple[str, dict[st
                 raise InputError(
                     f"{name}: a polygon has its own area; radius and area are for points"
                 )
-            if not geometry.is_valid:
-                import shapely
-
-                raise InputError(
-                    f"{name}: {shapely.is_valid_reason(geometry)}; must be a valid polygon"
-                )
             row["area"] = geometry.area
         elif geometry.geom_type != "Point":
             raise InputError(f"{name}: {geometry.geom_type}; must be a Point or a Polygon")

@@ -65,7 +65,7 @@ def unmasked(values: ArrayLike) -> np.ndarray:
         for what is not real: numpy would take numbers out of texts, and leave out the imaginary part of others.
     """
     array = np.asanyarray(values)
-    if array.dtype.kind not in "fiubO":
+    if array.dtype.kind not in "fiubO":  # objects may be numbers, as in columns of pandas
         raise InputError(f"values of type {array.dtype}: must be real numbers")
     if isinstance(array, np.ma.MaskedArray):
         return array.astype(np.float64).filled(np.nan)

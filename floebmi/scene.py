@@ -980,13 +980,12 @@ def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> N
 
     from floebmi.coast import land_geometry
 
-    at, (begin, end) = domain.position(inflow.edge), Feeder(inflow, domain).span
-    at += 1e-3 * inflow.sizes.range[0] * (1.0 if inflow.edge in ("west", "south") else -1.0)
-    across_y = inflow.edge in ("west", "east")
-    ends = [(at, begin), (at, end)] if across_y else [(begin, at), (end, at)]
+    feeder = Feeder(inflow, domain)
+    ends = np.full((2, 2), feeder.across(1e-3 * inflow.sizes.range[0]))  # the edge may be a shore
+    ends[:, 1 - feeder.axis] = feeder.span
     land = shapely.intersection(land_geometry(polygons), shapely.LineString(ends))
     if land.length > 0:
-        low, high = shapely.bounds(land).reshape(2, 2)[:, 1 if across_y else 0]
+        low, high = shapely.bounds(land).reshape(2, 2)[:, 1 - feeder.axis]
         raise InputError(
             f"land lies along the edge {inflow.edge} between {low:g} and {high:g} m; give open water as span, one "
             "table for each stretch"

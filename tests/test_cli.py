@@ -275,9 +275,8 @@ def test_a_restart_file_of_another_scene_is_refused(cli, ran):
     assert f"--restart {ran / 'restart.nc'}: " in result.stderr
 
 
-def test_ctrl_c_ends_with_130_readable_files_and_the_command_that_goes_on(
-    cli, tmp_path, monkeypatch
-):
+def _press_ctrl_c(monkeypatch):
+    """As soon as the run has shown how far it is."""
     update = running._Meter.update
 
     def press(meter, model):
@@ -285,6 +284,12 @@ def test_ctrl_c_ends_with_130_readable_files_and_the_command_that_goes_on(
         os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(running._Meter, "update", press)
+
+
+def test_ctrl_c_ends_with_130_readable_files_and_the_command_that_goes_on(
+    cli, tmp_path, monkeypatch
+):
+    _press_ctrl_c(monkeypatch)
     result = cli(*fast())
     assert result.exit_code == 130
     assert "--restart two-floes/restart.nc" in result.stderr
@@ -297,15 +302,9 @@ def test_ctrl_c_ends_with_130_readable_files_and_the_command_that_goes_on(
 def test_the_command_that_goes_on_ends_the_run_where_and_as_it_would_have_ended(
     cli, tmp_path, monkeypatch
 ):
-    update = running._Meter.update
-
-    def press(meter, model):
-        update(meter, model)
-        os.kill(os.getpid(), signal.SIGINT)
-
     options = ["--set", "time.duration=15", "--set", 'title="two of them"', "--duration", 20]
     with monkeypatch.context() as pressing:
-        pressing.setattr(running._Meter, "update", press)
+        _press_ctrl_c(pressing)
         stopped = cli("run", "two-floes", "--quiet", "--to", "a folder", *options)
     command = shlex.split(stopped.stderr.partition("go on with: floebmi ")[2])
     assert cli(*command).exit_code == 0
