@@ -82,13 +82,14 @@ def in_net(
     """Fractional (row, column) of the points x, y (n,) in a net of points (ny, nx), NaN outside.
 
     The net ends half a spacing beyond its outermost points, where the index stays that of the outermost.
-    Points of the net without a place (NaN) leave holes.
+    Points of the net without a place (NaN) leave holes, and so does what is torn (`_torn`).
     """
     row = np.full(x.size, np.nan)
     column = np.full(x.size, np.nan)
     ny, nx = net_x.shape
     corner_x, corner_y = _four(_with_rim(net_x)), _four(_with_rim(net_y))
     near = _spans(corner_x, x) & _spans(corner_y, y)  # False with a NaN corner
+    near &= ~_torn(_four(net_x), _four(net_y))
     rim = np.ones(near.shape, bool)
     rim[1:-1, 1:-1] = False
     # On a net that closes on itself the rim lies on top of quadrilaterals: those come first.
@@ -121,6 +122,18 @@ def _spans(corner: tuple[np.ndarray, ...], x: np.ndarray) -> np.ndarray:
     high = np.maximum(np.maximum(corner[0], corner[1]), np.maximum(corner[2], corner[3]))
     with np.errstate(invalid="ignore"):
         return (low <= x.max()) & (high >= x.min())
+
+
+def _torn(corner_x: tuple[np.ndarray, ...], corner_y: tuple[np.ndarray, ...]) -> np.ndarray:
+    """True where the plane is torn in a quadrilateral of a net of the globe, with those of the rim.
+
+    About the place opposite to the plane's middle, and across its seam, corners that are neighbours on the globe
+    are far apart in the plane, and what is drawn between them lies over other places, turned over against most.
+    The rim is torn where the quadrilateral beside it is.
+    """
+    (ax, bx, cx, dx), (ay, by, cy, dy) = corner_x, corner_y
+    area = (dx - ax) * (cy - by) - (dy - ay) * (cx - bx)  # twice, with its sign
+    return np.pad(area * np.nansum(np.sign(area)) < 0, 1, mode="edge")
 
 
 def _with_rim(net: np.ndarray) -> np.ndarray:

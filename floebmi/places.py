@@ -155,7 +155,6 @@ class Axes:
 class Net:
     """Points with a place each [m], in rows and columns (a curvilinear grid)."""
 
-    periodic = False
     knows_east = True
     east_is_x = False
 
@@ -165,11 +164,16 @@ class Net:
         self.shape = x.shape
         self.plane, self.text = plane, text
         self.x, self.y = x, y
+        self.periodic = _closes(x + 1j * y)
         self._where = where
 
     def corners(self, x: np.ndarray, y: np.ndarray) -> Corners:
         """The four points around each place (x, y) (n,) [m] of the plane."""
-        return corners(*in_net(self.x, self.y, x, y), self.shape)
+        net = self.x, self.y
+        if self.periodic:  # the first column again, after the last
+            net = tuple(np.hstack([points, points[:, :1]]) for points in net)
+        found = corners(*in_net(*net, x, y), net[0].shape)
+        return found._replace(column=found.column % self.shape[1])
 
     def xy(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
         """Places of a box of points in the plane [m]."""
@@ -194,6 +198,15 @@ class Net:
     def extent(self) -> str:
         """What the file covers, as text."""
         return _lonlat_extent(*to_lonlat(self.plane, self.x, self.y))
+
+
+def _closes(z: np.ndarray) -> bool:
+    """True if the first column of a net, places z = x + i y (ny, nx), follows its last as the next one would."""
+    step = z[:, 0] - z[:, -1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.array([step / (z[:, k] - z[:, k - 1]) for k in (1, -1)]).real
+    known = ratio[:, np.isfinite(ratio).all(axis=0)]
+    return bool(known.size and (np.abs(np.median(known, axis=1) - 1) < 0.5).all())
 
 
 @final

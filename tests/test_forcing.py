@@ -11,7 +11,7 @@ from floebmi.errors import InputError
 from floebmi.fields import open_files
 from floebmi.forcing import Constant, Function, VelocityFile
 from floebmi.grid import Grid
-from floebmi.projection import to_lonlat, to_plane
+from floebmi.projection import east_in_plane, to_lonlat, to_plane
 
 POLAR = "+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +datum=WGS84"
 REAL = Path(__file__).parents[2] / "shared" / "data"
@@ -485,6 +485,71 @@ def test_positions_that_disagree_are_warned_of_and_the_user_chooses():
         placed = velocity(VelocityFile(twice_placed(40e3), grid, position="lonlat"), grid)[0]
         VelocityFile(twice_placed(10e3), grid)
     np.testing.assert_allclose(placed, (grid.x - 40e3) / 1e6, atol=1e-8)
+
+
+# ------------------------------------------------------------------------------ curvilinear nets of the globe
+
+
+def on_sphere(lon, lat):
+    """Unit vectors (3, …) of places [degrees], of east and of north there."""
+    lon, lat = np.radians(lon), np.radians(lat)
+    out = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    east = np.array([-np.sin(lon), np.cos(lon), 0 * lon])
+    return out, east, np.cross(out, east, axis=0)
+
+
+def spin(lon, lat):
+    """East and north of a rotation of the whole sphere [m/s]: the same flow whatever the grid."""
+    out, east, north = on_sphere(lon, lat)
+    flow = np.cross([0.3, -0.5, 0.8], out, axisb=0, axisc=0)
+    return np.sum(flow * east, axis=0), np.sum(flow * north, axis=0)
+
+
+def spin_in_plane(grid, plane):
+    lon, lat = to_lonlat(plane, grid.x, grid.y)
+    east, north = spin(lon, lat)
+    return (east + 1j * north) * np.exp(1j * east_in_plane(plane, lon, lat))
+
+
+def spin_on_rotated_pole(lon, lat, pole=40.0):
+    """The rotation on a grid whose own pole stands at latitude `pole` of the date line, along its own axes."""
+    own_lon, own_lat = np.meshgrid(lon, lat)
+    turn = np.radians(90.0 - pole)
+    back = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
+    out, along, across = (np.tensordot(back, v, 1) for v in on_sphere(own_lon, own_lat))
+    flow = np.cross([0.3, -0.5, 0.8], out, axisb=0, axisc=0)
+    u, v = np.sum(flow * along, axis=0), np.sum(flow * across, axis=0)
+    x, y, z = out
+    return xr.Dataset(
+        {
+            "uo": (("rlat", "rlon"), u, ALONG_X),
+            "vo": (("rlat", "rlon"), v, ALONG_Y),
+            "lon": (("rlat", "rlon"), np.degrees(np.arctan2(y, x)), {"units": "degrees_east"}),
+            "lat": (("rlat", "rlon"), np.degrees(np.arcsin(z)), {"units": "degrees_north"}),
+        },
+        {
+            "rlon": ("rlon", lon, {"units": "degrees", "standard_name": "grid_longitude"}),
+            "rlat": ("rlat", lat, {"units": "degrees", "standard_name": "grid_latitude"}),
+        },
+    )
+
+
+@pytest.mark.parametrize("plane", [POLAR, "+proj=laea +lat_0=88 +lon_0=30", "+proj=merc +lon_0=25"])
+def test_a_net_of_the_globe_does_not_cover_places_twice_where_the_plane_is_torn(plane):
+    lat = {"merc": 70}.get(plane[6:10], 90)
+    grid = around(25, lat, plane, half=400e3, n=40)
+    data = spin_on_rotated_pole(np.arange(0.0, 360), np.arange(-89.5, 90))
+    u, v = velocity(VelocityFile(data, grid, projection=plane), grid)
+    np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, plane), atol=0.01)
+
+
+def test_a_net_around_the_globe_has_no_gap_between_its_last_column_and_its_first():
+    data = spin_on_rotated_pole(np.arange(0.0, 360), np.arange(-89.5, 90))
+    for row in (110, 130, 150):
+        plane = f"+proj=laea +lon_0={data.lon.values[row, 0]} +lat_0={data.lat.values[row, 0]}"
+        grid = Grid.uniform((-150e3, 150e3), (-150e3, 150e3), shape=(150, 150))
+        u, v = velocity(VelocityFile(data, grid, projection=plane), grid)
+        np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, plane), atol=0.005)
 
 
 # ------------------------------------------------------------------------------------- names and units
