@@ -12,6 +12,7 @@ as in the models themselves; a face beyond the end of the file is not known, and
 from __future__ import annotations
 
 import re
+import warnings
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -96,20 +97,23 @@ def find_centres(
     if stagger == "none" or (stagger == "auto" and not apart):
         if u.shape != v.shape:
             raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
-        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options))
+        # Of two files that do not say where their points are, none tells whether they are the same points.
+        others = files if u.file is v.file or stagger == "none" else ()
+        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options, others))
     taken = [(u.file, u.dims), (v.file, v.dims)] if apart else []
     problem: InputError | None = None
     for file, array, dims in [(u.file, u.array, (u.rows, v.columns)), *_nets(files, u)]:
         if any(file is f and set(dims) == set(d) for f, d in taken):
             continue
         try:
-            place = place_of(file, array, dims, *options)
+            place = place_of(file, array, dims, *options, files)
         except InputError as error:
             problem = problem or error
             continue
         return Centres(
-            file, dims, place, _beside(u, place, stagger, 1), _beside(v, place, stagger, 0)
-        )
+            file, dims, place,
+            _beside(u, place, stagger, 1, files), _beside(v, place, stagger, 0, files),
+        )  # fmt: skip
     try:
         faces = place_of(u.file, u.array, u.dims, *options)
     except InputError as error:
@@ -124,7 +128,7 @@ def find_centres(
     order = slice(None) if side == "after" else slice(None, None, -1)
     x, y = (_middles(a[:, order])[:, order] for a in (faces.x, faces.y))
     text = f"{faces.text}, centres between u points"
-    place = Net(u.label, x, y, faces.plane, text)
+    place = Net(u.label, x, y, faces.plane, text, faces.falls)
     return Centres(u.file, u.dims, place, _OFFSETS[side], _OFFSETS[side])
 
 
@@ -148,7 +152,7 @@ def _middles(u_points: np.ndarray) -> np.ndarray:
     return np.hstack([1.5 * u_points[:, :1] - 0.5 * u_points[:, 1:2], middle])
 
 
-def _beside(field: Field, place: Place, stagger: Stagger, axis: int) -> Offsets:
+def _beside(field: Field, place: Place, stagger: Stagger, axis: int, files: list[File]) -> Offsets:
     """Which faces of a component lie beside a centre, along the component's axis (0 rows, 1 columns).
 
     Told by sizes, else by the places of the points, else by the names of the dimensions.
@@ -163,7 +167,7 @@ def _beside(field: Field, place: Place, stagger: Stagger, axis: int) -> Offsets:
         return _OFFSETS[stagger]
     if faces != centre:
         return _OFFSETS["after" if faces < centre else "before"]
-    shift = _shift(field, place, axis)
+    shift = _shift(field, place, axis, files)
     if shift is not None:
         return _OFFSETS["none" if abs(shift) < 0.25 else "before" if shift < 0 else "after"]
     dim = field.dims[axis].lower()
@@ -177,10 +181,11 @@ def _beside(field: Field, place: Place, stagger: Stagger, axis: int) -> Offsets:
     )
 
 
-def _shift(field: Field, place: Place, axis: int) -> float | None:
+def _shift(field: Field, place: Place, axis: int, files: list[File]) -> float | None:
     """How far the points lie from the centres of the same index, in cells; None if not known."""
     try:
-        own = place_of(field.file, field.array, field.dims, place.plane)
+        with warnings.catch_warnings(action="ignore"):  # the user was warned of the centres
+            own = place_of(field.file, field.array, field.dims, place.plane, others=files)
     except InputError:
         return None
     row, column = (np.unique(np.linspace(0, n - 1, _SAMPLE).astype(int)) for n in own.shape)

@@ -298,6 +298,13 @@ def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
     return None
 
 
+def with_same_points(file: File, files: Sequence[File], dims: Sequence[str]) -> list[File]:
+    """The file, and after it the others of `files` that have as many points along `dims`."""
+    sizes = {d: file.data.sizes[d] for d in dims}
+    others = (f for f in files if f is not file)
+    return [file, *(f for f in others if sizes.items() <= dict(f.data.sizes).items())]
+
+
 def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
     """The variable that says what the points along a dimension are, or None."""
     if dim in file.data.variables:

@@ -183,7 +183,8 @@ class VelocityFile:
     projection : the plane of grid.x, grid.y: PROJ string, EPSG code …; None if it is the file's own x, y
     variables : names (u, v); default: by standard_name, else by well-known names
     start : the date of t = 0; default: the first record
-    vectors : "east-north" (components along east and north) or "grid" (along the source's own axes);
+    vectors : "east-north" (components along east and north) or "grid" (along the source's own axes, positive where
+        their coordinates grow);
         "auto" takes what standard_name, a staggered grid, or an `angle` says
     stagger : see `floebmi.cgrid`
     depth : of all levels the one nearest to this depth, of wind to this height, is taken [m]; default: the surface of
@@ -254,7 +255,7 @@ class VelocityFile:
         self.projection = centres.place.plane
         around, box = around_cells(centres.place, grid, grid.wet, fill_land, self._label)
         # Wind blows over land, too: there only a mask that the user names counts.
-        self._mask = choose_mask(mask, centres.file, centres.dims, auto=kind == "ocean")
+        self._mask = choose_mask(mask, centres.file, files, centres.dims, auto=kind == "ocean")
         to_u, to_v, wet = self._to_centres(centres, box, factors)
         rows, self._note = interpolate(
             around, box, centres.place, grid, wet, fill_land, self._label

@@ -7,12 +7,13 @@ says which is which (flag_meanings, standard_name) is believed before the name.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import Box, File
+from floebmi.fields import Box, File, with_same_points
 
 _STANDARD = {
     "sea_binary_mask": 1.0, "sea_area_fraction": 1.0,
@@ -77,20 +78,24 @@ def find_mask(
     return Mask(file, found, dims, 1.0 if water is None else water)
 
 
-def choose_mask(mask: str, file: File, dims: tuple[str, ...], auto: bool) -> Mask | None:
+def choose_mask(
+    mask: str, file: File, files: Sequence[File], dims: tuple[str, ...], auto: bool
+) -> Mask | None:
     """The mask that is meant by its name, by "auto" (where `auto` allows one), or None for "none".
+
+    It is looked for in `file`, then in those of `files` with the same points.
 
     Raises
     ------
     InputError
         if no variable of that name lies along `dims`.
     """
-    if mask == "none" or not dims:
+    if mask == "none" or not dims or (mask == "auto" and not auto):
         return None
-    if mask == "auto":
-        return find_mask(file, dims) if auto else None
-    found = find_mask(file, dims, (mask,))
-    if found is None:
+    names = None if mask == "auto" else (mask,)
+    candidates = (find_mask(f, dims, names) for f in with_same_points(file, files, dims))
+    found = next((m for m in candidates if m is not None), None)
+    if found is None and mask != "auto":
         fitting = [str(n) for n, a in file.data.data_vars.items() if set(a.dims) == set(dims)]
         raise InputError(
             f"{file.label}: mask = {mask!r}: no such variable along {', '.join(dims)};"

@@ -9,12 +9,21 @@ single point whose series holds everywhere.  Each finds the source points around
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple, final
 
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import COORDINATES, Box, File, coordinate, length_factor, role
+from floebmi.fields import (
+    COORDINATES,
+    Box,
+    File,
+    coordinate,
+    length_factor,
+    role,
+    with_same_points,
+)
 from floebmi.interpolation import Corners, corners, half_cell_ends, in_net, on_axis
 from floebmi.projection import (
     axes_in_plane,
@@ -153,17 +162,28 @@ class Axes:
 
 @final
 class Net:
-    """Points with a place each [m], in rows and columns (a curvilinear grid)."""
+    """Points with a place each [m], in rows and columns (a curvilinear grid).
+
+    falls : whether the coordinates of rows and of columns fall, so that components are positive against them
+    """
 
     knows_east = True
     east_is_x = False
 
-    def __init__(self, where: str, x: np.ndarray, y: np.ndarray, plane: str, text: str) -> None:
+    def __init__(
+        self,
+        where: str,
+        x: np.ndarray,
+        y: np.ndarray,
+        plane: str,
+        text: str,
+        falls: tuple[bool, bool] = (False, False),
+    ) -> None:
         if min(x.shape) < 2:
             raise InputError(f"{where}: {x.shape} points: two rows and two columns are the least")
         self.shape = x.shape
         self.plane, self.text = plane, text
-        self.x, self.y = x, y
+        self.x, self.y, self.falls = x, y, falls
         self.periodic = _closes(x + 1j * y)
         self._where = where
 
@@ -186,7 +206,10 @@ class Net:
     def own(self, box: Box) -> np.ndarray:
         """Angle from the plane's x axis to the columns' direction [rad], rows taken at right angles."""
         x, y = self.xy(box)
-        across, along = (np.gradient(x, axis=k) + 1j * np.gradient(y, axis=k) for k in (0, 1))
+        across, along = (
+            (-1 if falls else 1) * (np.gradient(x, axis=k) + 1j * np.gradient(y, axis=k))
+            for k, falls in enumerate(self.falls)
+        )
         if np.nanmedian((np.conj(along) * across).imag) < 0:
             raise InputError(
                 f"{self._where}: rows run clockwise from columns, so the direction of its y components"
@@ -258,6 +281,7 @@ def place_of(
     projection: str | None,
     position: Position = "auto",
     file_projection: str | None = None,
+    others: Sequence[File] = (),
 ) -> Place:
     """Where the points of a variable's horizontal dimensions (rows, columns) are.
 
@@ -266,8 +290,11 @@ def place_of(
     dims : (rows, columns), or () for a series at one point
     projection : the plane of the floes; None takes the file's own x, y
     position : "mapping" takes x, y and the projection, "lonlat" the 2-D longitude and latitude, where a file
-        has both; "auto" takes x, y and warns if the two differ by more than a quarter of a cell
+        has both; "auto" takes x, y and warns if the two differ by more than a quarter of a cell.  Where the axes are
+        themselves longitude and latitude, but differ so from those in 2-D, they are nominal (a tripolar grid's):
+        "mapping" takes the axes, "auto" those in 2-D, with a warning
     file_projection : the projection of the file's x, y, where the file does not say it (or says it wrong)
+    others : files that may hold the places, where `file` does not
 
     Raises
     ------
@@ -282,15 +309,24 @@ def place_of(
         check_projection(projection)
     if not dims:
         return Point(*_point(file, array), projection)
-    found = [coordinate(file, d) for d in dims]
+    files = with_same_points(file, others, dims)
+    found = [next(filter(None, (coordinate(f, d) for f in files)), None) for d in dims]
     roles = tuple(role(*f) if f else None for f in found)
-    if roles == ("lat", "lon"):
+    net = next(filter(None, (_lonlat_net(f, array, dims) for f in files)), None)
+    if roles == ("lat", "lon") and not _rotated(file, array):
         rows, columns = (_values(f[1]) for f in found)
-        plane = _needed(projection, where, columns, rows)
-        text = f"{rows.size} × {columns.size} lat, lon"
-        return Axes(where, rows, columns, None, plane, True, text)
-
-    net = _lonlat_net(file, array, dims)
+        if position == "mapping" or not _nominal(file.label, rows, columns, net, position):
+            names = (str(f[1].attrs.get("long_name", "")) for f in found)
+            if net is None and position == "auto" and any("nominal" in n.lower() for n in names):
+                warnings.warn(
+                    f"{where}: its longitude and latitude are nominal by their long_name, which are no places on"
+                    " a tripolar grid: give the file that has them in 2-D along with this one, or position ="
+                    " 'mapping' if they are right",
+                    stacklevel=4,
+                )
+            plane = _needed(projection, where, columns, rows)
+            text = f"{rows.size} × {columns.size} lat, lon"
+            return Axes(where, rows, columns, None, plane, True, text)
     mapping = _mapping(file, array, file_projection) if roles == ("y", "x") else None
     if position == "mapping" and mapping is None:
         raise InputError(f"{where}: position = 'mapping', but it has no x, y with a projection")
@@ -317,11 +353,16 @@ def place_of(
     lon, lat, names = net
     plane = _needed(projection or (mapping.projection if mapping else None), where, lon, lat)
     shape = " × ".join(str(n) for n in lon.shape)
-    return Net(where, *to_plane(plane, lon, lat), plane, f"{shape} curvilinear {names}")
+    falls = tuple(f is not None and _falls(f[1]) for f in found)
+    return Net(where, *to_plane(plane, lon, lat), plane, f"{shape} curvilinear {names}", falls)
 
 
 def _values(array: xr.DataArray) -> np.ndarray:
     return np.asarray(array.values, float)
+
+
+def _falls(array: xr.DataArray) -> bool:
+    return array.dtype.kind in "iuf" and bool((np.diff(_values(array)) < 0).all())
 
 
 def _needed(projection: str | None, where: str, lon: np.ndarray, lat: np.ndarray) -> str:
@@ -385,12 +426,8 @@ def _mapping(file: File, array: xr.DataArray, given: str | None) -> Mapping | No
         return Mapping(check_projection(given), "file_projection as told")
     import pyproj
 
-    name = array.attrs.get("grid_mapping") or array.encoding.get("grid_mapping")
+    name = _mapping_name(file, array)
     if name is None:
-        all_names = [n for n, v in file.data.variables.items() if "grid_mapping_name" in v.attrs]
-        name = all_names[0] if len(all_names) == 1 else None
-    name = str(name).split(":")[0].strip() if name is not None else None
-    if name not in file.data.variables:
         return None
     attrs = file.data[name].attrs
     key = next((k for k in _PROJ_STRINGS if attrs.get(k)), None)
@@ -409,6 +446,46 @@ def _mapping(file: File, array: xr.DataArray, given: str | None) -> Mapping | No
     code = crs.to_epsg(min_confidence=100) if key and "wkt" in key else None
     projection = f"EPSG:{code}" if code else str(attrs[key]) if key else crs.to_wkt()
     return Mapping(projection, text)
+
+
+def _mapping_name(file: File, array: xr.DataArray) -> str | None:
+    """The variable that holds the grid mapping, None if there is none."""
+    name = array.attrs.get("grid_mapping") or array.encoding.get("grid_mapping")
+    if name is None:
+        all_names = [n for n, v in file.data.variables.items() if "grid_mapping_name" in v.attrs]
+        name = all_names[0] if len(all_names) == 1 else None
+    name = str(name).split(":")[0].strip() if name is not None else None
+    return name if name in file.data.variables else None
+
+
+def _rotated(file: File, array: xr.DataArray) -> bool:
+    """True if the axes are degrees about a pole of the grid's own."""
+    name = _mapping_name(file, array)
+    kind = None if name is None else file.data[name].attrs.get("grid_mapping_name")
+    return kind == "rotated_latitude_longitude"
+
+
+def _nominal(
+    label: str,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    net: tuple[np.ndarray, np.ndarray, str] | None,
+    position: Position,
+) -> bool:
+    """Whether latitudes and longitudes along two axes are elsewhere than those in 2-D, and a warning if so."""
+    if net is None or rows.size < 2:
+        return False
+    every = tuple(slice(None, None, max(1, n // 50)) for n in (rows.size, columns.size))
+    lon, lat = np.meshgrid(columns[every[1]], rows[every[0]])
+    away = float(np.nanmax(distance(lon, lat, net[0][every], net[1][every])))
+    cell = float(distance(0.0, rows[0], 0.0, rows[-1])) / (rows.size - 1)
+    if away > cell / 4 and position == "auto":
+        warnings.warn(
+            f"{label}: its axes of latitude and longitude and {net[2]} disagree by up to {away / 1000:.1f} km"
+            f" ({away / cell:.1f} cells); {net[2]} are used: choose with position = 'mapping' (the axes) or 'lonlat'",
+            stacklevel=4,
+        )
+    return away > cell / 4
 
 
 def _compare(

@@ -86,6 +86,7 @@ _NO_ICE = 1e-3
 class _On(NamedTuple):
     """Where and when a scalar is wanted: the options of `read_scalar` that do not depend on the quantity."""
 
+    files: list[File]
     grid: Grid
     projection: str | None
     position: Position
@@ -151,7 +152,9 @@ def read_scalar(
         if value not in words:
             raise InputError(f"{name} = {value!r}: {choose(value, words)}")
     files = open_files(path)
-    on = _On(grid, projection, position, file_projection, time, select, fill_land, mask, outside)
+    on = _On(
+        files, grid, projection, position, file_projection, time, select, fill_land, mask, outside
+    )
     if quantity == "land_fraction":
         return _land(files, on, variable, units)
     if quantity == "area_fraction":
@@ -252,7 +255,7 @@ def _interpolated(
     if times is not None:
         share = fraction_factor(times.array.attrs.get("units"), times.label)
     place = place_of(
-        part.file, part.array, part.dims, on.projection, on.position, on.file_projection
+        part.file, part.array, part.dims, on.projection, on.position, on.file_projection, on.files
     )
     needed = on.grid.wet if on.outside is None else np.zeros(on.grid.size, bool)
     around, box = around_cells(place, on.grid, needed, on.fill_land, part.label)
@@ -270,7 +273,7 @@ def _interpolated(
     wet = np.isfinite(points)
     if weight:
         points = (1 - weight) * points + weight * read(after)
-    land = choose_mask(on.mask, part.file, part.dims, auto=True)
+    land = choose_mask(on.mask, part.file, on.files, part.dims, auto=True)
     if land is not None:
         wet &= land.read(box)
     rows, _ = interpolate(around, box, place, on.grid, wet, on.fill_land, part.label)

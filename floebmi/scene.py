@@ -75,7 +75,10 @@ Axis = Literal["x", "y", "rotation"]
 Position = Literal["auto", "mapping", "lonlat"]
 FillLand = Literal["error", "nearest", "dry"]
 # of all tables that read a gridded file
-_POSITION = "by x, y with their projection, or by 2-D longitude and latitude, where a file has both"
+_POSITION = (
+    "by x, y with their projection (or axes of longitude and latitude), or by 2-D longitude and latitude, "
+    "where a file has both"
+)
 _FILE_PROJECTION = "plane of the file's own x and y, if it does not say"
 _SELECT = "index along any other dimension, as {member = 3}"
 _MASK = "its land-sea mask; 'none' takes missing values alone"

@@ -552,6 +552,73 @@ def test_a_net_around_the_globe_has_no_gap_between_its_last_column_and_its_first
         np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, plane), atol=0.005)
 
 
+@pytest.mark.parametrize("rows, columns", [(-1, 1), (1, -1), (-1, -1)])
+def test_components_along_axes_that_fall_are_positive_where_their_coordinates_grow(rows, columns):
+    data = spin_on_rotated_pole(np.arange(-10.0, 11), np.arange(30.0, 51))
+    turned = data.isel(rlat=slice(None, None, rows), rlon=slice(None, None, columns))
+    grid = around(data.lon.values[10, 10], data.lat.values[10, 10])
+    u, v = velocity(VelocityFile(turned, grid, projection=POLAR), grid)
+    np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, POLAR), atol=0.002)
+
+
+def test_degrees_about_a_rotated_pole_are_no_longitudes_whatever_their_units():
+    data = spin_on_rotated_pole(np.arange(-10.0, 11), np.arange(30.0, 51))
+    grid = around(data.lon.values[10, 10], data.lat.values[10, 10])
+    data.rlon.attrs, data.rlat.attrs = {"units": "degrees_east"}, {"units": "degrees_north"}
+    data["pole"] = ((), 0, {"grid_mapping_name": "rotated_latitude_longitude"})
+    u, v = velocity(VelocityFile(data, grid, projection=POLAR), grid)
+    np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, POLAR), atol=0.002)
+    with pytest.raises(InputError, match="neither longitude and latitude nor x and y"):
+        VelocityFile(data.drop_vars(["lon", "lat"]), grid, projection=POLAR)
+
+
+def nominal():
+    """A tripolar grid's kind of file: axes of nominal longitude and latitude, the true ones in 2-D."""
+    data = spin_on_rotated_pole(np.arange(-10.0, 11), np.arange(30.0, 51))
+    data.rlon.attrs = {"units": "degrees_east", "long_name": "h point nominal longitude"}
+    data.rlat.attrs = {"units": "degrees_north", "long_name": "h point nominal latitude"}
+    return data
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_longitudes_in_2d_go_before_nominal_ones_along_axes_with_a_warning(apart):
+    data = nominal()
+    grid = around(data.lon.values[10, 10], data.lat.values[10, 10])
+    files = [data[["uo", "vo"]], data[["lon", "lat"]]] if apart else data
+    with pytest.warns(UserWarning, match="axes of latitude and longitude and lat, lon disagree"):
+        source = VelocityFile(files, grid, projection=POLAR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        told = VelocityFile(files, grid, projection=POLAR, position="lonlat")
+        axes = VelocityFile(files, around(0, 40), projection=POLAR, position="mapping")
+    for found in (source, told):
+        u, v = velocity(found, grid)
+        np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, POLAR), atol=0.002)
+    assert "lat, lon;" in repr(axes) and "curvilinear" not in repr(axes)
+
+
+def test_nominal_longitudes_alone_are_warned_of():
+    with pytest.warns(UserWarning, match="nominal by their long_name"):
+        VelocityFile(nominal().drop_vars(["lon", "lat"]), around(0, 40), projection=POLAR)
+
+
+def test_positions_and_masks_may_stand_in_a_file_of_their_own():
+    data = spin_on_rotated_pole(np.arange(-10.0, 11), np.arange(30.0, 51)).drop_vars(
+        ["rlon", "rlat"]
+    )
+    grid = around(data.lon.values[10, 10], data.lat.values[10, 10])
+    places = data[["lon", "lat"]]
+    u, v = velocity(VelocityFile([data[["uo", "vo"]], places], grid, projection=POLAR), grid)
+    np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, POLAR), atol=0.002)
+    places["mask"] = places.lon * 0.0
+    for mask in ("auto", "mask"):
+        with pytest.raises(InputError, match="have only land of the file around them"):
+            VelocityFile([data[["uo", "vo"]], places], grid, projection=POLAR, mask=mask)
+    # of two files without places none tells whether u and v stand at the same points
+    with pytest.raises(InputError, match="where its points are is not said"):
+        VelocityFile([data[["uo"]], data[["vo"]], places], grid, projection=POLAR)
+
+
 # ------------------------------------------------------------------------------------- names and units
 
 
