@@ -424,6 +424,11 @@ def fraction_factor(units: str | None, where: str) -> float:
     return _FRACTIONS[_words(units)]
 
 
+def is_percent(units: str | None) -> bool:
+    """Whether a fraction in these units is 100 where it is whole."""
+    return _FRACTIONS.get(_words(units)) == 0.01
+
+
 def _unknown(units: str | None, where: str, right: str) -> str:
     said = "it has no units" if units is None else f"units = {units!r}"
     return f"{where}: {said}; must be {right} (say which with units)"

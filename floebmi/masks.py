@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import Box, File, with_same_points
+from floebmi.fields import Box, File, is_percent, with_same_points
 
 _STANDARD = {
     "sea_binary_mask": 1.0, "sea_area_fraction": 1.0,
@@ -44,7 +44,7 @@ class Mask(NamedTuple):
         if self.dims:
             index |= dict(zip(self.dims, box, strict=True))
         values = np.asarray(array.isel(index).transpose(*self.dims).values, float)
-        values = values.reshape(box.shape)
+        values = values.reshape(box.shape) * (0.01 if is_percent(array.attrs.get("units")) else 1.0)
         return values if self.water == 1 else 1 - values
 
 

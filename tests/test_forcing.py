@@ -417,6 +417,18 @@ def test_a_mask_whose_flags_say_that_one_is_land_is_believed():
     VelocityFile(data, Grid.uniform((1, 4), (0, 8), shape=(4, 4)))
 
 
+@pytest.mark.parametrize(
+    "standard, percent, water",
+    [("sea_area_fraction", 10, False), ("sea_area_fraction", 90, True)]
+    + [("land_area_fraction", 10, True), ("land_area_fraction", 90, False)],
+)
+def test_a_mask_in_percent_is_water_from_half_of_a_cell_on(standard, percent, water):
+    attrs = {"standard_name": standard, "units": "%"}
+    share = (("y", "x"), np.full((11, 11), float(percent)), attrs)
+    source = VelocityFile(metres(0.5, 0, share=share), square(), fill_land="dry")
+    assert source.covered.all() == source.covered.any() == water
+
+
 def test_wind_blows_over_land_unless_a_mask_is_named():
     wind = {"u_attrs": M_PER_S | {"standard_name": "x_wind"}}
     wind["v_attrs"] = M_PER_S | {"standard_name": "y_wind"}
