@@ -10,6 +10,7 @@ discs of a size ratio of 2 reach 0.88, where pressing alone jams at 0.84.  Floes
 are shaken instead, and order into grains.
 """
 
+import itertools
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
 from floebmi.quantities import is_number, unmasked
+from floebmi.sampling import check_period
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
@@ -171,7 +173,7 @@ def from_field(
     Raises
     ------
     InputError
-        for a value in a wet cell that is not usable, with its index.
+        for a value in a wet cell that is not usable, with its index; a period shorter than the grid.
     """
     check_sizes(sizes)
     if domain is None:
@@ -203,7 +205,12 @@ def from_field(
             raise InputError(f"{name} of cell {cell} = {values[cell]}; {right}")
     rng = _generator(seed)
     fraction = np.where(grid.wet, fraction, 0.0)
-    inside = _area_inside(grid, domain)
+    check_period(grid, domain.period)
+    x, y = (
+        (low - (length or 0.0), high + (length or 0.0))
+        for (low, high), length in zip((domain.x, domain.y), domain.period, strict=True)
+    )
+    inside = _area_inside(grid, domain._replace(x=x, y=y))  # what is across a seam is inside, too
     wanted = float(np.sum(fraction * inside))
     ice = np.minimum(fraction, max_concentration) * inside
     radius = _draw_area(sizes, float(ice.sum()), rng, strict=False)
@@ -707,10 +714,17 @@ class _Ground(NamedTuple):
     clear: np.ndarray | None
     barrier: _Barrier
     grid: Grid | None
+    period: tuple[float | None, float | None]
 
     def group_of(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """The group of any points, -1 where no ice may be."""
         group = np.zeros(len(x), np.int64) if self.grid is None else self.grid.locate(x, y)
+        # Where a seam is not straight, a place beyond the last cell is in one at the other end.
+        shifts = ((0.0,) if length is None else (0.0, length, -length) for length in self.period)
+        for along, across in itertools.product(*shifts):
+            left = group < 0
+            if self.grid is not None and left.any():
+                group[left] = self.grid.locate(x[left] + along, y[left] + across)
         return np.where(self.barrier.holds(x, y), -1, group)
 
     def centres(self, k: np.ndarray) -> np.ndarray:
@@ -736,7 +750,8 @@ def _ground(domain: Domain, barrier: _Barrier, n: int, grid: Grid | None = None)
     n = len(column)
     origin, no_group = (domain.x[0], domain.y[0]), np.zeros(n, np.int64)
     ground = _Ground(
-        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid
+        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid,
+        domain.period,
     )  # fmt: skip
     x, y = ground.centres(np.arange(n)).T.copy()
     clear, blocked = None, barrier.holds(x, y)

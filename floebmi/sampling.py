@@ -389,7 +389,8 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
 @jit
 def _repeats(x, reach, low, high, length):
     """First and last multiple of the period that bring what reaches so far to low … high."""
-    if x - reach > low and x + reach < high:
+    # A grid whose seam is not straight is wider than its period: the image may meet what is inside, too.
+    if x - reach > max(low, high - length) and x + reach < min(high, low + length):
         return 0, 0
     if length == 0.0:
         return 0, 0 if x + reach >= low and x - reach <= high else -1

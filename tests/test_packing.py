@@ -282,6 +282,21 @@ def test_floes_from_a_field_hold_its_ice_where_it_lies(grid, sizes, error):
     assert abs(total(grid, cells_of(floes, grid) - ice)).max() > 0.4 * 16e6
 
 
+def test_a_seam_that_is_not_straight_leaves_no_ice_out():
+    x, y = np.meshgrid(np.linspace(0, 12e3, 13), np.linspace(0, 12e3, 13))
+    turn = 2 * np.pi / 12e3
+    grid = Grid.curvilinear(x + 900 * np.sin(turn * y), y + 600 * np.sin(turn * x))
+    domain = Domain((0, 12e3), (0, 12e3), **PERIODIC)
+    floes = from_field(grid, np.full(grid.size, 0.4), 1.0, UniformSize(40.0, 80.0), domain, seed=3)
+    assert floes.area.sum() == pytest.approx(0.4 * 144e6, rel=0.002)
+    cover = coverage(grid, floes.x, floes.y, floes.radius, domain.period)
+    found = np.bincount(cover.cell, cover.area, grid.size) / grid.area
+    assert abs(found - 0.4).max() < 0.06
+    # a domain of half the grid has no seam that the grid could meet
+    with pytest.raises(InputError, match="is shorter than the grid"):
+        from_field(grid, 0.4, 1.0, UniformSize(40.0, 80.0), domain._replace(x=(0, 6e3)))
+
+
 def test_each_cell_gets_its_ice_within_about_half_a_floe():
     grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
     fraction = np.linspace(0.02, 0.15, 64)

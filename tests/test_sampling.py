@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from floebmi.errors import InputError
 from floebmi.geometry import disc_polygon
 from floebmi.grid import Grid
-from floebmi.sampling import Weights, floe_weights, gather, scatter, without_cell
+from floebmi.sampling import Weights, coverage, floe_weights, gather, scatter, without_cell
 
 KINDS = list(GRIDS)
 PERIOD = (SIDE, SIDE)
@@ -124,6 +124,18 @@ def test_moving_floes_across_the_seam_by_one_cell_moves_their_weights_by_one_cel
     here = dense(floe_weights(grid, x, y, radius, accuracy, PERIOD)).reshape(-1, CELLS, CELLS)
     there = dense(floe_weights(grid, x + step, y, radius, accuracy, PERIOD))
     assert np.roll(here, 1, axis=2) == pytest.approx(there.reshape(-1, CELLS, CELLS), abs=1e-12)
+
+
+def test_a_seam_that_is_not_straight_loses_no_ice_and_counts_none_twice():
+    x, y = np.meshgrid(np.linspace(0, SIDE, CELLS + 1), np.linspace(0, SIDE, CELLS + 1))
+    across, along = np.sin(2 * np.pi * y / SIDE), np.sin(2 * np.pi * x / SIDE)
+    grid = Grid.curvilinear(x + 900 * across, y + 600 * along)
+    x, y, radius = random_floes(6, 0.0)
+    assert coverage(grid, x, y, radius, PERIOD).inside == pytest.approx(
+        np.pi * radius**2, rel=1e-12
+    )
+    centre = floe_weights(grid, x, y, radius, "centre", PERIOD)
+    assert (np.diff(centre.start) == 1).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
