@@ -79,6 +79,8 @@ _ICE_MEAN = r"where sea_ice|actual|in[- ]situ|over (the )?ice|of (the )?(ice )?f
 _ROUNDING = 1e-3
 # … and that of the interpolation this far, which is not worth a word.
 _ROUND_OFF = 1e-12
+# No ice at sea is thicker [m]: a wrong unit, or a fill value that the file does not declare.
+_THICKEST = 1000.0
 # Less ice than this has no thickness of its own.
 _NO_ICE = 1e-3
 
@@ -163,7 +165,7 @@ def read_scalar(
     factor = length_factor(units or found.array.attrs.get("units"), found.label)
     kind = thickness_of if thickness_of != "auto" else _thickness_of(found)
     if kind == "cell" and quantity == "sea_ice_volume":
-        return _bounded(found.label, factor * _interpolated(found, on), None)
+        return _bounded(found.label, factor * _interpolated(found, on), _THICKEST)
     share = None
     if (
         kind == "cell"
@@ -175,16 +177,19 @@ def read_scalar(
     # Volume and area of ice have means between points; thickness has none where some are open water.
     if kind == "ice" and (share is None or _points(share) != _points(found)):
         there = _interpolated(found, on, lambda h: np.where(np.isnan(h), h, h > 0))
-        total = _bounded(found.label, factor * _interpolated(found, on), None)
-        thickness = _over(total, there)
+        total = _bounded(found.label, factor * _interpolated(found, on), _THICKEST)
+        thickness = _over(found.label, total, there)
         return thickness if quantity == "thickness" else thickness * _fraction(share, None, on)
     times = share if kind == "ice" else None
-    volume = _bounded(found.label, factor * _interpolated(found, on, times=times), None)
-    return volume if quantity == "sea_ice_volume" else _over(volume, _fraction(share, None, on))
+    fraction = _fraction(share, None, on)
+    volume = _bounded(found.label, factor * _interpolated(found, on, times=times), _THICKEST)
+    return volume if quantity == "sea_ice_volume" else _over(found.label, volume, fraction)
 
 
-def _over(volume: np.ndarray, area: np.ndarray) -> np.ndarray:
-    return np.divide(volume, area, out=np.zeros(len(area)), where=area >= _NO_ICE)
+def _over(label: str, volume: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Thickness of the ice [m], 0 where there is none."""
+    thickness = np.divide(volume, area, out=np.zeros(len(area)), where=area >= _NO_ICE)
+    return _bounded(label, thickness, _THICKEST)
 
 
 def _find(files: list[File], wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
@@ -287,14 +292,14 @@ def _points(part: Field) -> tuple[object, ...]:
     return part.dims, part.shape, part.time, part.array.sizes.get(part.time)
 
 
-def _bounded(label: str, values: np.ndarray, high: float | None) -> np.ndarray:
-    """Values within 0 … high; rounding beyond is set to the bound with a warning, more is an error."""
-    top = np.inf if high is None else high
+def _bounded(label: str, values: np.ndarray, top: float) -> np.ndarray:
+    """Values within 0 … top; rounding beyond is set to the bound with a warning, more is an error."""
     beyond = np.maximum(-values, values - top)
     if not (beyond <= _ROUNDING).all():
         c = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
         raise InputError(
-            f"{label} at cell {c}: {values[c]:g}; must lie in 0 … {top:g} (wrong units?)"
+            f"{label} at cell {c}: {values[c]:g}; must lie in 0 … {top:g} (an undeclared fill value, or wrong"
+            " units?)"
         )
     if (beyond > _ROUND_OFF).any():
         warnings.warn(

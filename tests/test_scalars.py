@@ -87,6 +87,21 @@ def test_ice_is_no_thinner_beside_open_water(with_concentration):
         np.testing.assert_allclose(volume, np.clip(grid.x - 4, 0, 1), rtol=1e-13)
 
 
+@pytest.mark.parametrize("fill", [9999.0, 1e20, 9.96921e36])
+@pytest.mark.parametrize("kind", ["ice", "cell"])
+def test_a_fill_value_that_the_file_does_not_declare_is_no_thickness(fill, kind):
+    data = on_metres(siconc=(0.5, CONCENTRATION), sithick=(1.0, THICKNESS))
+    data.sithick[5, 5] = fill
+    with pytest.raises(InputError, match=r"sithick at cell \d+: .* 0 … 1000 .*fill value"):
+        read_scalar(data, "thickness", square(), thickness_of=kind)
+
+
+def test_volume_is_not_made_of_a_concentration_beyond_its_bounds():
+    data = on_metres(siconc=(50.0, CONCENTRATION), sithick=(1.0, THICKNESS))
+    with pytest.raises(InputError, match="siconc at cell 0: 50; must lie in 0 … 1"):
+        read_scalar(data, "sea_ice_volume", square())
+
+
 def test_thickness_of_unknown_meaning_is_refused():
     with pytest.raises(InputError, match="thickness_of = 'ice' or 'cell'"):
         read_scalar(on_metres(hice=(2.0, THICKNESS)), "thickness", square())
