@@ -120,6 +120,8 @@ def read_scalar(
 ) -> np.ndarray:
     """Read one field at the centres of a grid's cells, bilinear between the file's points on water.
 
+    A thickness without a value where the concentration at the same point is 0 is no land, but no ice.
+
     Parameters
     ----------
     path, grid, projection, select, mask, position, file_projection, fill_land : as for
@@ -164,15 +166,8 @@ def read_scalar(
     found = _find(files, _THICKNESS, variable, "variable", on)
     factor = length_factor(units or found.array.attrs.get("units"), found.label)
     kind = thickness_of if thickness_of != "auto" else _thickness_of(found)
-    if kind == "cell" and quantity == "sea_ice_volume":
-        return _bounded(found.label, factor * _interpolated(found, on), _THICKEST)
-    share = None
-    if (
-        kind == "cell"
-        or quantity == "sea_ice_volume"
-        or concentration is not None
-        or holds(files, _CONCENTRATION)
-    ):
+    share, as_wanted = None, (kind == "cell") == (quantity == "sea_ice_volume")
+    if not as_wanted or concentration is not None or holds(files, _CONCENTRATION):
         share = _find(files, _CONCENTRATION, concentration, "concentration", on)
     # Volume and area of ice have means between points; thickness has none where some are open water.
     if kind == "ice" and (share is None or _points(share) != _points(found)):
@@ -180,9 +175,10 @@ def read_scalar(
         total = _bounded(found.label, factor * _interpolated(found, on), _THICKEST)
         thickness = _over(found.label, total, there)
         return thickness if quantity == "thickness" else thickness * _fraction(share, None, on)
-    times = share if kind == "ice" else None
-    fraction = _fraction(share, None, on)
-    volume = _bounded(found.label, factor * _interpolated(found, on, times=times), _THICKEST)
+    fraction = None if share is None else _fraction(share, None, on)
+    here = share if share is not None and _points(share) == _points(found) else None
+    values = _interpolated(found, on, share=here, times=kind == "ice")
+    volume = _bounded(found.label, factor * values, _THICKEST)
     return volume if quantity == "sea_ice_volume" else _over(found.label, volume, fraction)
 
 
@@ -250,15 +246,15 @@ def _interpolated(
     part: Field,
     on: _On,
     convert: Callable[[np.ndarray], np.ndarray] = np.array,
-    times: Field | None = None,
+    share: Field | None = None,
+    times: bool = False,
 ) -> np.ndarray:
     """A field at the cells of the grid (grid.size,), after `convert` of the points' values.
 
-    times : a concentration at the same points, by which the field is multiplied there
+    share : the concentration at the same points: where it says that there is no ice the field is 0, whether the
+        file has 0 there or no value
+    times : whether the field is multiplied by `share` there
     """
-    share = 1.0
-    if times is not None:
-        share = fraction_factor(times.array.attrs.get("units"), times.label)
     place = place_of(
         part.file, part.array, part.dims, on.projection, on.position, on.file_projection, on.files
     )
@@ -272,7 +268,13 @@ def _interpolated(
 
     def read(record: int | None) -> np.ndarray:
         values = convert(part.read(record, box))
-        return values if times is None else values * share * times.read(record, box)
+        if share is None:
+            return values
+        area = fraction_factor(share.array.attrs.get("units"), share.label) * share.read(
+            record, box
+        )
+        values = np.where(np.isnan(values) & (area < _NO_ICE), 0.0, values)
+        return values * area if times else values
 
     points = read(before)
     wet = np.isfinite(points)

@@ -74,6 +74,26 @@ def test_volume_is_thickness_over_the_ice_times_concentration():
     np.testing.assert_allclose(read_scalar(data, "thickness", square()), 2.0)
 
 
+@pytest.mark.parametrize("kind", ["ice", "cell"])
+@pytest.mark.parametrize("per_cent", [1.0, 100.0])
+def test_thickness_without_a_value_where_there_is_no_ice_is_open_water(kind, per_cent):
+    units = CONCENTRATION | {"units": "%" if per_cent == 100 else "1"}
+    fields = {"siconc": (lambda x, y: np.where(x < 5, 0.0, 0.8 * per_cent), units)}
+    share = {"ice": 1.0, "cell": 0.8}[kind]
+    grid = Grid.uniform((0, 10), (0, 10), shape=(5, 40))
+    for none in (0.0, np.nan):
+        thickness = (lambda x, y, none=none: np.where(x < 5, none, 1.5 * share), THICKNESS)
+        data = on_metres(**fields, sithick=thickness)
+        found = {
+            quantity: read_scalar(data, quantity, grid, thickness_of=kind)
+            for quantity in ("thickness", "sea_ice_volume")
+        }
+        np.testing.assert_allclose(found["thickness"][grid.x > 4.01], 1.5, rtol=1e-12)
+        assert not found["thickness"][grid.x < 4].any()
+        ramp = 1.2 * np.clip(grid.x - 4, 0, 1)
+        np.testing.assert_allclose(found["sea_ice_volume"], ramp, atol=1e-12)
+
+
 @pytest.mark.parametrize("with_concentration", [True, False])
 def test_ice_is_no_thinner_beside_open_water(with_concentration):
     fields = {"sithick": (lambda x, y: np.where(x < 5, 0.0, 2.0), THICKNESS)}
