@@ -19,6 +19,8 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+# A step of an axis so many times longer than both beside it is a hole, as a choice of longitudes leaves one.
+_HOLE = 3.0
 # Targets on the common edge of two quadrilaterals must not fall between them.
 _EDGE = 1e-9
 # Quadrilaterals tried for one target, nearest first; the second try is for very long ones.
@@ -43,13 +45,26 @@ class Corners(NamedTuple):
 
 
 def on_axis(axis: np.ndarray, x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Fractional index of x on a monotonic axis, NaN outside low … high.
+    """Fractional index of x on a monotonic axis, NaN outside low … high and in holes (`holes`).
 
-    Between an end of the axis and `low` or `high` the index is that of the end.
+    Between an end of the axis and `low` or `high`, and half a step into a hole, the index is that of the end.
     """
     order = slice(None) if axis.size < 2 or axis[0] < axis[-1] else slice(None, None, -1)
     index = np.interp(x, axis[order], np.arange(axis.size, dtype=float)[order])
+    for k in holes(axis):
+        step, before, after = np.abs(np.diff(axis))[[k, k - 1, k + 1]]
+        beyond, short = (index - k) * step, (k + 1 - index) * step
+        inside = (beyond > 0) & (short > 0)
+        index = np.where(inside, np.nan, index)
+        index[inside & (beyond <= 0.5 * before)] = k
+        index[inside & (short <= 0.5 * after)] = k + 1
     return np.where((x >= low) & (x <= high), index, np.nan)
+
+
+def holes(axis: np.ndarray) -> np.ndarray:
+    """Where a monotonic axis has holes: the indices of the points before them."""
+    step = np.abs(np.diff(axis))
+    return 1 + np.flatnonzero(step[1:-1] > _HOLE * np.maximum(step[:-2], step[2:]))
 
 
 def half_cell_ends(axis: np.ndarray) -> tuple[float, float]:

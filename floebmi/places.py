@@ -24,7 +24,7 @@ from floebmi.fields import (
     role,
     with_same_points,
 )
-from floebmi.interpolation import Corners, corners, half_cell_ends, in_net, on_axis
+from floebmi.interpolation import Corners, corners, half_cell_ends, holes, in_net, on_axis
 from floebmi.projection import (
     axes_in_plane,
     centred_projection,
@@ -71,11 +71,10 @@ class Axes:
         self.shape = rows.size, columns.size
         self.plane, self.text = plane, text
         self._source, self._geographic = source, geographic
-        if geographic:
+        if geographic and not _monotonic(columns):
             columns = np.unwrap(columns, period=360)
         for name, axis in (("rows", rows), ("columns", columns)):
-            step = np.diff(axis)
-            if axis.size < 2 or not ((step > 0).all() or (step < 0).all()):
+            if axis.size < 2 or not _monotonic(axis):
                 raise InputError(
                     f"{where}: the coordinate along its {name} must have two values or more, all"
                     " growing or all falling"
@@ -84,7 +83,7 @@ class Axes:
         self._row_ends, self._column_ends = half_cell_ends(rows), half_cell_ends(columns)
         self.periodic = False
         if geographic:
-            step = abs(columns[-1] - columns[0]) / (columns.size - 1)
+            step = float(np.median(np.abs(np.diff(columns))))
             width = abs(columns[-1] - columns[0]) + step
             self.periodic = abs(width - 360) < step / 2
             if width > 360:
@@ -155,9 +154,20 @@ class Axes:
         """What the file covers, as text."""
         if self._geographic or self._source is None:
             names = ("lon", "lat") if self._geographic else ("x", "y")
-            return _extent(names, self._column_ends, self._row_ends)
+            axes = (names[0], self._columns), (names[1], self._rows)
+            gaps = [
+                f", nothing between {name} {axis[k]:.7g} and {axis[k + 1]:.7g}"
+                for name, axis in axes
+                for k in holes(axis)
+            ]
+            return _extent(names, self._column_ends, self._row_ends) + "".join(gaps)
         rows, columns = np.linspace(*self._row_ends, 50), np.linspace(*self._column_ends, 50)
         return _lonlat_extent(*to_lonlat(self._source, *np.meshgrid(columns, rows)))
+
+
+def _monotonic(axis: np.ndarray) -> bool:
+    step = np.diff(axis)
+    return bool((step > 0).all() or (step < 0).all())
 
 
 @final

@@ -380,6 +380,21 @@ def test_a_region_across_greenwich_may_be_numbered_from_0_to_360():
     np.testing.assert_allclose(z, 0.01 * lons, atol=1e-4)
 
 
+@pytest.mark.parametrize("east, west", [(60, 300), (100, 250)])
+def test_longitudes_that_were_left_out_are_a_hole_and_those_around_greenwich_none(east, west):
+    lon, lat = np.arange(0.0, 360), np.arange(60.0, 81)
+    flow = spin(*np.meshgrid(lon, lat))
+    data = on_axes(*flow, lon, lat, EAST, NORTH, ("lat", "lon"))
+    chosen = data.isel(lon=(lon < east) | (lon > west))
+    for place in ((0, 70), (359.5, 70), (40, 75), (320, 65)):
+        grid = around(*place)
+        u, v = velocity(VelocityFile(chosen, grid, projection=POLAR), grid)
+        np.testing.assert_allclose(u + 1j * v, spin_in_plane(grid, POLAR), atol=0.002)
+    for place in ((east + 2, 70), (180, 70), (west - 1, 70)):
+        with pytest.raises(InputError, match=f"nothing between lon {east - 1} and {west + 1}"):
+            VelocityFile(chosen, around(*place), projection=POLAR)
+
+
 @pytest.mark.parametrize("pole", [-90, 90])
 def test_the_last_row_of_a_global_file_reaches_the_pole(pole):
     plane = f"+proj=laea +lat_0={pole} +lon_0=0 +datum=WGS84"
