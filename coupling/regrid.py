@@ -370,7 +370,8 @@ def project(grid: Grid, projection: str) -> Grid:
 
     Neighbours go on sharing their edges, so nothing is counted twice or left out; what changes is that an
     edge is straight in this plane.  Areas are stretched by the projection: take the host's own ones, or
-    `sphere_area`, as `Regrid(source_area=…)`.
+    `sphere_area`, as `Regrid(source_area=…)`.  Cells with a side along latitude 90 are triangles where the pole is a
+    point of the plane, and the grid that has some is unstructured, its cells in the same order.
 
     Parameters
     ----------
@@ -390,11 +391,25 @@ def project(grid: Grid, projection: str) -> Grid:
             f"projection = {projection!r}: corner at longitude {grid.node_x[k]:g}, latitude"
             f" {grid.node_y[k]:g} has no place in it; cut the grid first"
         )
-    if grid.kind == "unstructured":
-        return Grid.unstructured(x, y, grid.face_nodes, grid.wet)
+    pole = np.zeros(x.size, bool)
+    for latitude in (-90.0, 90.0):
+        k = np.flatnonzero(grid.node_y == latitude)
+        pole[k] = np.all(np.hypot(x[k] - x[k[:1]], y[k] - y[k[:1]]) < 1e-3)  # a line in some planes
+    if grid.kind == "unstructured" or pole.any():
+        return Grid.unstructured(x, y, _once_at_poles(grid.face_nodes, pole), grid.wet)
     ny, nx = grid.shape
     corners = x.reshape(ny + 1, nx + 1), y.reshape(ny + 1, nx + 1)
     return Grid.curvilinear(*corners, grid.wet)
+
+
+def _once_at_poles(faces: np.ndarray, pole: np.ndarray) -> np.ndarray:
+    """Faces padded with -1, of neighbouring corners at a pole (bool of each node) the first alone."""
+    here = (faces >= 0) & pole[faces]
+    last = faces[np.arange(len(faces)), (faces >= 0).sum(axis=1) - 1]
+    before = np.column_stack([pole[last], here[:, :-1]])
+    kept = (faces >= 0) & ~(here & before)
+    order = np.argsort(~kept, axis=1, kind="stable")
+    return np.take_along_axis(np.where(kept, faces, -1), order, axis=1)
 
 
 def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:

@@ -267,6 +267,25 @@ def test_a_host_on_the_sphere_gets_the_force_of_ice_in_the_plane():
     assert abs(equal.area.sum() / sphere_area(host).sum() - 1) < 0.02
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_host_whose_cells_reach_the_pole_is_drawn_around_it(sign):
+    latitudes = sorted((sign * 85.0, sign * 87.0, sign * 90.0))
+    host = Grid.rectilinear(np.arange(0.0, 361.0, 10), latitudes)
+    plane = project(host, f"+proj=laea +lat_0={90 * sign} +R={EARTH_RADIUS}")
+    assert (plane.face_nodes[:, -1] < 0).sum() == 36 and plane.size == host.size
+    # equal areas; edges along parallels are chords, here the longest of a circle of 36
+    chord = np.sin(np.radians(10)) / np.radians(10)
+    np.testing.assert_allclose(plane.area, sphere_area(host) * chord, rtol=1e-9)
+    ice = Grid.uniform((-300e3, 300e3), (-300e3, 300e3), spacing=20e3)
+    regrid = Regrid(plane, ice, source_area=sphere_area(host))
+    np.testing.assert_allclose(regrid.covered, 1.0, rtol=1e-9)
+    q = np.linspace(0.1, 0.2, ice.size)
+    np.testing.assert_allclose(regrid.flux(q) @ sphere_area(host), q @ ice.area, rtol=1e-12)
+    # where the pole is a line its cells keep all their corners
+    quarter = Grid.rectilinear(np.arange(0.0, 91.0, 10), latitudes)
+    assert (project(quarter, "+proj=eqc").face_nodes >= 0).all()
+
+
 # ---- a second opinion -------------------------------------------------------------------------
 
 YAC_SCRIPT = r"""
