@@ -35,7 +35,8 @@ class Mask(NamedTuple):
 
     def read(self, box: Box) -> np.ndarray:
         """True where there is water, in a box; no value is land."""
-        return self.water_fraction(box) > 0.5
+        part = 0.0 if self.name.lower().startswith("hfac") else 0.5  # hFacC is a share of the depth
+        return self.water_fraction(box) > part
 
     def water_fraction(self, box: Box) -> np.ndarray:
         """1 where there is water, 0 on land, between for fractions, NaN for no value."""

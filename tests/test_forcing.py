@@ -444,6 +444,13 @@ def test_a_mask_in_percent_is_water_from_half_of_a_cell_on(standard, percent, wa
     assert source.covered.all() == source.covered.any() == water
 
 
+def test_a_cell_that_is_water_in_part_of_its_depth_is_water():
+    for share, water in ((0.2, True), (0.0, False)):
+        data = metres(0.5, 0, hFacC=(("y", "x"), np.full((11, 11), share)))
+        source = VelocityFile(data, square(), fill_land="dry")
+        assert source.covered.all() == source.covered.any() == water
+
+
 def test_wind_blows_over_land_unless_a_mask_is_named():
     wind = {"u_attrs": M_PER_S | {"standard_name": "x_wind"}}
     wind["v_attrs"] = M_PER_S | {"standard_name": "y_wind"}
