@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 SPACING = 0.8  # of centres along the shore, in radii
 LINED = 1.1  # a place on the coastline is lined by a centre nearer than this, in radii
+LONGEST = 0.25  # edge of a polygon in longitude and latitude that is drawn straight in the plane [degrees]
 SMALLEST = 3  # the narrowest capes get discs of radius / 2**SMALLEST
 
 
@@ -134,7 +135,7 @@ def from_geojson(
     path : of the file
     radius, thickness : of the floes on the shore [m], see `from_land_fraction`
     projection : of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in longitude
-        and latitude; None for a file in metres
+        and latitude, whose edges are straight there (RFC 7946); None for a file in metres
 
     Raises
     ------
@@ -259,6 +260,7 @@ def _projected(
     check_projection(projection)
     moved = []
     for name, geometry, properties in features:
+        geometry = shapely.segmentize(geometry, LONGEST)
         geometry = shapely.transform(
             geometry, lambda lon, lat: to_plane(projection, lon, lat), interleaved=False
         )

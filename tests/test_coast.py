@@ -208,6 +208,16 @@ def test_geojson_in_metres_gives_the_coast_of_its_polygons(tmp_path):
     assert len(coast.floes) == len(same.floes)
 
 
+def test_edges_of_geojson_in_degrees_follow_their_parallels(tmp_path):
+    ring = [[0, 70], [90, 70], [90, 75], [0, 75], [0, 70]]
+    box = {"type": "Polygon", "coordinates": [ring]}
+    plane = "+proj=laea +lat_0=72 +lon_0=45 +R=6371000"  # equal areas
+    coast = from_geojson(geojson(tmp_path, box), radius=20e3, projection=plane)
+    sines = np.sin(np.radians([70, 75]))
+    true = np.radians(90) * np.diff(sines).item() * 6371e3**2
+    assert land_geometry(coast.polygons).area == pytest.approx(true, rel=1e-4)
+
+
 def test_geojson_in_degrees_needs_a_projection(tmp_path):
     isle = {"type": "Polygon", "coordinates": [[[-45, 80], [-44, 80], [-44, 81], [-45, 80]]]}
     path = geojson(tmp_path, isle)
