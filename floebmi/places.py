@@ -239,7 +239,7 @@ def _closes(z: np.ndarray) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.array([step / (z[:, k] - z[:, k - 1]) for k in (1, -1)]).real
     known = ratio[:, np.isfinite(ratio).all(axis=0)]
-    return bool(known.size and (np.abs(np.median(known, axis=1) - 1) < 0.5).all())
+    return bool(known.size and (np.abs(np.median(known, axis=1) - 1) < 0.25).all())
 
 
 @final
