@@ -339,7 +339,8 @@ def test_a_floe_that_drifts_freely_goes_as_far_in_one_long_exchange_as_in_many_s
     def way(exchanges, step):
         floes = Floes(0.0, 0.0, 1000.0, 1.0, u=0.5)
         forces = [OceanDrag(), AirDrag(), Coriolis(1.4e-4)]
-        model = Model(Domain((-1e5, 1e5), (-1e5, 1e5)), floes, forces=forces, step=step)
+        domain = Domain((-1e5, 1e5), (-1e5, 1e5), *["periodic"] * 4)
+        model = Model(domain, floes, forces=forces, step=step)
         model.atmosphere.u[:] = 10.0
         for _ in range(exchanges):
             model.advance(21600.0 / exchanges)
