@@ -69,7 +69,8 @@ class Wall(NamedTuple):
     """A straight frictionless wall that bounds the ice towards one edge of the domain (eq. wall).
 
     Without a stress it stands still or moves at `velocity`.  With a normal stress it has a mass and moves
-    freely along its normal, loaded with N × length × thickness.
+    freely along its normal, loaded with N × length × mean thickness.  Its length is that of the domain's edge, wherever
+    other walls stand; floes leave at an inactive edge behind it, so where a wall may go outwards the domain needs room.
 
     Parameters
     ----------
