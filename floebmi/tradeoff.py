@@ -256,13 +256,13 @@ def tradeoff(
     seeds : number of seeds, 1, 2, …
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
     budget : minutes that all may take; the runs are made shorter to fit
-    to : NetCDF file to make; finished runs are kept beside it
+    to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
     jobs : processes
 
     Raises
     ------
     InputError
-        for a scene or a number that cannot be right.
+        for a scene or a number that cannot be right, and where there is a file that is no result.
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
@@ -273,6 +273,12 @@ def tradeoff(
         raise InputError(f"error = {error!r}: must be between 0 and 1")
     if seeds < 1:
         raise InputError(f"seeds = {seeds!r}: must be at least 1")
+    if budget is not None and not 0 < budget < np.inf:
+        raise InputError(f"budget = {budget!r} minutes: must be greater than 0")
+    if to.suffix != ".nc":
+        raise InputError(f"--to {to}: must end in .nc")
+    if to.exists():
+        read(to)  # replaced by a newer result is a result, and nothing else
     built, schedule = scene.build(), scene.schedule(duration)
     if schedule.duration < schedule.every:
         raise InputError(

@@ -197,6 +197,7 @@ def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_refere
         ({"error": 0.0}, "error = 0.0: must be between 0 and 1"),
         ({"of": "speed"}, "of = 'speed': must be one of transport, drift"),
         ({"seeds": 0}, "seeds = 0: must be at least 1"),
+        ({"budget": np.nan}, "budget = nan minutes: must be greater than 0"),
         ({"duration": -1.0}, "duration = -1.0: must be greater than 0"),
         ({"duration": 9.0}, "duration = 9 s: shorter than the time between frames, 15 s"),
     ],
@@ -206,6 +207,19 @@ def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path,
     with pytest.raises(InputError, match=told):
         tradeoff.tradeoff(path, to=tmp_path / "t.nc", **how)
     assert not list(tmp_path.glob("*.members"))
+
+
+def test_only_a_result_is_replaced_by_a_result(tmp_path):
+    path = scene_file(tmp_path, QUIET)
+    with pytest.raises(InputError, match="pack.toml: must end in .nc"):
+        tradeoff.tradeoff(path, to=path)
+    assert path.read_text() == QUIET
+    wind = tmp_path / "wind.nc"
+    xr.Dataset({"u10": ("x", [1.0, 2.0])}).to_netcdf(wind)
+    before = wind.read_bytes()
+    with pytest.raises(InputError, match="wind.nc"):
+        tradeoff.tradeoff(path, to=wind)
+    assert wind.read_bytes() == before and not list(tmp_path.glob("*.members"))
 
 
 def test_settings_are_compared_at_the_same_times_where_the_scene_has_none_for_its_frames(tmp_path):
