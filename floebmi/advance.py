@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from floebmi.arrays import all_within
-from floebmi.boundaries import Domain, Feeder
+from floebmi.boundaries import Domain, Feeder, edge_of
 from floebmi.budgets import Ledger
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
@@ -569,6 +569,7 @@ class Advance:
         if self.contact is not None:
             # a contact may have stopped it
             self._check_pace(max(seen, before, key=lambda each: each.pace), dt, done)
+            self._check_walls(at)
             if self.contact.failure is None:  # else floes raft: one lies over the other
                 self._check_overlaps(at)
 
@@ -593,6 +594,22 @@ class Advance:
                 f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
                 f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
                 f"now {modulus:.2g}, may hold"
+            )
+
+    def _check_walls(self, at: str) -> None:
+        """Stop where the centre of a floe has passed a wall."""
+        p, walls, floe = self.packed, self.state.walls[self.walls.number], self.walls.floe
+        along_x = walls["axis"] == 0
+        place = np.where(along_x, p.floes["x"][floe], p.floes["y"][floe])
+        passed = walls["side"] * (walls["position"] - place)
+        held = np.where(along_x, p.inverse_x[floe], p.inverse_y[floe]) == 0.0
+        passed[held & (walls["inverse_mass"] == 0.0)] = 0.0  # both are where they are told to be
+        if passed.max(initial=0.0) > 0.0:
+            k = int(np.argmax(passed))
+            raise StabilityError(
+                f"floe {p.number[floe[k]]}: its centre is {passed[k]:.2g} m behind the wall in the "
+                f"{edge_of(walls[k])} {at}; the wall goes too far, or the ice is too soft for the blow or the load: its "
+                f"youngs_modulus is {self.contact.elastic.youngs_modulus:.2g} Pa"
             )
 
     # ---- books -------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
-from floebmi.floes import Floes
+from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
 from floebmi.quantities import NonNegative, Positive, check, is_number
 from floebmi.sizes import Sizes, check_sizes
@@ -69,7 +69,8 @@ class Wall(NamedTuple):
     """A straight frictionless wall that bounds the ice towards one edge of the domain (eq. wall).
 
     Without a stress it stands still or moves at `velocity`.  With a normal stress it has a mass and moves
-    freely along its normal, loaded with N × length × thickness.
+    freely along its normal, loaded with N × length × mean thickness.  Its length is that of the domain's edge, wherever
+    other walls stand; floes leave at an inactive edge behind it, so where a wall may go outwards the domain needs room.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def build_walls(
     Raises
     ------
     InputError
-        for an unknown or periodic edge, two walls at one edge, a mass without a load, or a loaded wall that has
+        for an unknown or periodic edge, two walls at one edge, a mass or a damper without a load, or a loaded wall that has
         nothing to load.
     """
     check(walls)
@@ -158,10 +159,11 @@ def build_walls(
             raise InputError(
                 f"wall.edge = {wall.edge!r}: there are two walls at this edge; use one"
             )
-        if wall.mass is not None and wall.normal_stress is None:
-            raise InputError(
-                f"wall.mass = {wall.mass!r}: is of a loaded wall; give it a normal_stress, or leave it out"
-            )
+        for name in ("mass", "damping") if wall.normal_stress is None else ():
+            if getattr(wall, name) != Wall._field_defaults[name]:
+                raise InputError(
+                    f"wall.{name} = {getattr(wall, name)!r}: is of a loaded wall; give it a normal_stress, or leave it out"
+                )
         listed[wall.edge] = wall
     for edge in EDGES:
         if getattr(domain, edge) == "closed":
@@ -193,6 +195,75 @@ def build_walls(
         spring = youngs_modulus * thickness * along / across
         record.damping = 2.0 * wall.damping * np.sqrt(spring / mass)
     return records
+
+
+def edge_of(wall: np.void) -> str:
+    """The edge at which the wall of a record stands."""
+    return next(e for e in EDGES if _AXIS[e] == wall["axis"] and _SIDE[e] == wall["side"])
+
+
+def walls_of_state(walls: np.ndarray, rows: np.ndarray, domain: Domain) -> np.ndarray:
+    """The walls of a scene where a restart file has them; loads, and speeds of walls without one, are the scene's.
+
+    rows : (walls, columns of `WALL`)
+
+    Raises
+    ------
+    InputError
+        for a wall at another edge, and for one that stands still at another place.
+    """
+    saved = walls.copy()
+    names = walls.dtype.names
+    for record, row in zip(saved, rows.reshape(len(walls), len(names)), strict=True):
+        of_state, edge = dict(zip(names, row, strict=True)), edge_of(record)
+        if (of_state["axis"], of_state["side"]) != (record["axis"], record["side"]):
+            raise InputError(f"restart: has no wall in the {edge}, where the scene has one")
+        loaded = record["inverse_mass"] > 0.0
+        apart = of_state["position"] - record["position"]
+        if not loaded and record["speed"] == 0.0 and abs(apart) > 1e-9 * np.sqrt(domain.area):
+            place = domain.origin[int(record["axis"])] + record["position"]
+            raise InputError(
+                f"restart: has the wall in the {edge} at {place + apart:.12g} m, the scene lets it stand at {place:.12g} m; "
+                "must be the same place"
+            )
+        for name in ("position", "speed", "force", "previous", "impulse", "work"):
+            if loaded or name != "speed":
+                record[name] = of_state[name]
+    return saved
+
+
+def over_walls(walls: np.ndarray, floes: Floes, origin: tuple[float, float]) -> np.ndarray:
+    """How far floes reach over walls, over their radius [1]: (floes, walls), at most 0 where they do not touch.
+
+    0 where nothing comes of it: for land, floes that are gone, and floes held across a wall that no force moves.
+    """
+    reach = np.zeros((len(floes), len(walls)))
+    for w, wall in enumerate(walls):
+        place, held = ((floes.x, FIXED_X), (floes.y, FIXED_Y))[int(wall["axis"])]
+        position = wall["position"] + origin[int(wall["axis"])]
+        meets = floes.active & ~floes.land
+        if wall["inverse_mass"] == 0.0:
+            meets &= (floes.motion & held) == 0
+        reach[meets, w] = (1.0 - wall["side"] * (place - position) / floes.radius)[meets]
+    return reach
+
+
+def check_way_in(inflow: Inflow, walls: np.ndarray, domain: Domain) -> None:
+    """Refuse a wall on which, or behind which, the floes of an inflow would come in."""
+    edge = domain.position(inflow.edge)
+    for wall in walls:
+        if edge_of(wall) != inflow.edge:
+            continue
+        side, position = wall["side"], wall["position"] + domain.origin[int(wall["axis"])]
+        if (
+            wall["inverse_mass"] > 0.0
+            or side * wall["speed"] > 0.0
+            or side * (position - edge) > 0.0
+        ):
+            raise InputError(
+                f"inflow.edge = {inflow.edge!r}: floes come in at {edge:g} m, and the wall there stands or goes further in; "
+                "it must stay at the edge or beyond, or leave one of the two out"
+            )
 
 
 class Feeder:

@@ -17,7 +17,8 @@ import multiprocessing
 import os
 import signal
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -99,17 +100,26 @@ def run(
     Raises
     ------
     InputError
-        if the folder holds members of other parameters, or of another function.
+        if the folder holds members of other parameters, or of another function, or if two members would have one name.
     """
     folder = Path(folder)
+    for name, values in {**sweep, "seeds": seeds}.items():
+        if name == "seed" or isinstance(values, str) or not isinstance(values, Iterable):
+            raise InputError(
+                f"{name} = {values!r}: must be several values, as (1, 2), under a name that is not seed"
+            )
     sweep = {name: tuple(values) for name, values in sweep.items()}
     points = points_of(sweep)
+    names: dict[tuple[int, int], Path] = {}
+    for (p, point), (s, seed) in itertools.product(enumerate(points), enumerate(seeds)):
+        words = _words(point, seed)
+        names[p, s] = folder / f"{words.replace('/', '%2F')}.npz"  # a value may be a path
+    if len(set(names.values())) < len(names):
+        twice = [path for path, times in Counter(names.values()).items() if times > 1]
+        raise InputError(
+            f"ensemble: several members are {twice[0].stem}: values and seeds must differ, numbers in their first 12 digits"
+        )
     _claim(folder, member, parameters)
-    names = {
-        (p, s): folder / f"{_words(point, seed)}.npz"
-        for p, point in enumerate(points)
-        for s, seed in enumerate(seeds)
-    }
     done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
     for key, path in names.items():
         if path.exists():
@@ -122,6 +132,10 @@ def run(
     with _bar(len(names), len(done.members), progress) as bar:
 
         def keep(key: tuple[int, int], result: Mapping[str, np.ndarray] | Exception) -> None:
+            if not isinstance(result, Mapping | Exception):
+                result = InputError(
+                    f"it returned {type(result).__name__}, must be a dict of arrays"
+                )
             if isinstance(result, Exception):
                 text = " ".join(str(result).split()) or type(result).__name__
                 reason = text if type(result) is InputError else f"{type(result).__name__}: {text}"
@@ -166,7 +180,7 @@ def gather(
     Raises
     ------
     InputError
-        if no member has finished.
+        if no member has finished, or they do not all have these arrays, of one shape.
     """
     import xarray as xr
 
@@ -183,6 +197,19 @@ def gather(
         unit, meaning = (units or {}).get(name, ("", ""))
         data[name].attrs = _described(unit, meaning)
     data["seed"].attrs = _described("1", "seed of the random numbers")
+    for name in {**outputs, **(coordinates or {})}:
+        for (p, s), arrays in done.members.items():
+            which = _words(done.points()[p], done.seeds[s])
+            if name not in arrays:
+                raise InputError(f"{name}: {which} has none, only {', '.join(arrays)}")
+            if arrays[name].shape != one[name].shape:
+                raise InputError(
+                    f"{name}: {which} has the shape {arrays[name].shape}, another member {one[name].shape}; must be one shape"
+                )
+            if name in (coordinates or {}) and not np.array_equal(arrays[name], one[name]):
+                raise InputError(
+                    f"{name}: {which} has others than another member; must be an output"
+                )
     for name, (own, unit, meaning) in (coordinates or {}).items():
         data.coords[name] = own, one[name], _described(unit, meaning)
     for name, (own, unit, meaning) in outputs.items():
@@ -229,9 +256,17 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
         "member": f"{member.__module__}.{member.__qualname__}",
         "parameters": dict(parameters),
     }
-    text = json.dumps(ours, indent=1)
+    try:
+        text = json.dumps(ours, indent=1)
+    except TypeError as error:
+        raise InputError(
+            f"parameters = {dict(parameters)}: must be numbers, texts, and lists of these ({error})"
+        ) from None
     if note.exists():
-        theirs = json.loads(note.read_text())
+        try:
+            theirs = json.loads(note.read_text())
+        except ValueError:
+            raise InputError(f"{note}: is damaged; remove the folder, or give another") from None
         differ = [
             f"{name} = {theirs['parameters'].get(name)!r} there, {parameters.get(name)!r} here"
             for name in sorted({*theirs["parameters"], *parameters})
@@ -263,7 +298,7 @@ def _load(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path) as arrays:
             return dict(arrays)
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
         raise InputError(f"{path}: not a finished member; remove it to run it again") from None
 
 

@@ -25,7 +25,18 @@ from numpy.typing import ArrayLike
 from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
 from floebmi.arrays import all_finite
-from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
+from floebmi.boundaries import (
+    Domain,
+    Feeder,
+    Inflow,
+    Wall,
+    build_walls,
+    check_domain,
+    check_way_in,
+    edge_of,
+    over_walls,
+    walls_of_state,
+)
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
@@ -328,6 +339,9 @@ class Model:
             rng,
             tuple(Feeder(one, domain) for one in self.inflow),
         )
+        for one in self.inflow:
+            check_way_in(one, records, domain)
+        self._refuse_over_walls("at the start")
         self._last_duration = 0.0
         self._warned_of_lag = False
         self._seen = _Seen(floes.copy())
@@ -419,14 +433,31 @@ class Model:
                 f"{shown}{more}; move them apart, or call floebmi.relax(floes, domain)"
             )
 
+    def _refuse_over_walls(self, when: str, allowed: float = OVERLAP_ALLOWED) -> None:
+        """The same for floes that reach over walls: those would shoot them off."""
+        walls, origin = self._state.walls, self.domain.origin
+        share = over_walls(walls, self.floes, origin)
+        more = share.copy()
+        if self._accepted is not None:
+            more[: len(self._accepted)] -= over_walls(walls, self._accepted, origin).clip(0.0)
+        if (more > allowed).any():
+            floe, wall = np.unravel_index(np.argmax(more), more.shape)
+            raise InputError(
+                f"{np.count_nonzero((more > allowed).any(axis=1))} floes reach over walls {when} by more than "
+                f"{allowed:g} of their radius, floe {floe} by {share[floe, wall] * self.floes.radius[floe]:.4g} m over "
+                f"the wall in the {self.wall_edges[wall]}, at {self.wall_positions[wall]:g} m; move them, or the wall"
+            )
+
     def _refuse_edits(self) -> None:
-        """InputError for floes that somebody made what none may be, or put onto each other."""
+        """InputError for floes that somebody made what none may be, or put onto each other or over a wall."""
         self.floes.check()
         if self._accepted is None:
+            self._refuse_over_walls("after a restart", 1.0)
             if self.contact is not None and self.contact.failure is None:
                 self._refuse_overlaps("after a restart", 1.0)  # more than a run leaves them with
         elif not self.floes.same(self._accepted, ("x", "y", "radius", "active")):
             self._refuse_overlaps("after an edit")
+            self._refuse_over_walls("after an edit")
 
     def _nothing_remembered(self) -> PairList:
         none = np.zeros(0, np.uint32)
@@ -697,8 +728,7 @@ class Model:
     @property
     def wall_edges(self) -> tuple[str, ...]:
         """The edge at which each wall stands: listed walls first, then closed edges."""
-        names = {(0, 1): "west", (0, -1): "east", (1, 1): "south", (1, -1): "north"}
-        return tuple(names[int(wall.axis), int(wall.side)] for wall in self._state.walls)
+        return tuple(map(edge_of, self._state.walls))
 
     @property
     def wall_positions(self) -> np.ndarray:
@@ -898,6 +928,7 @@ class Model:
             raise InputError(
                 "restart: number of walls differs from the scene's, or an older floebmi wrote it"
             )
+        saved = walls_of_state(walls, np.asarray(state["walls"]), self.domain)
 
         def of_floes(name: str) -> np.ndarray:
             return np.asarray(state[f"floes_{name}"])
@@ -923,9 +954,7 @@ class Model:
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
         self._left, self._seen = None, _Seen(floes.copy())
-        for row, wall in zip(np.asarray(state["walls"]), s.walls, strict=True):
-            for name, value in zip(s.walls.dtype.names, row, strict=True):
-                wall[name] = value
+        s.walls[:] = saved
         pairs = PairList(
             np.asarray(state["pair_start"], np.int64),
             np.asarray(state["pair_i"], np.uint32),

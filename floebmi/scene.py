@@ -791,9 +791,13 @@ class Scene(Table):
     def step_law(self) -> Step:
         """How time is stepped; what the scene does not say comes from its preset."""
         step = law_of(self.step, Step)
+        given = {name: getattr(step, name) for name in self.step.model_fields_set}
+        for name in given.keys() & {"epsilon", "length"} if step.fraction is not None else ():
+            raise InputError(
+                f"[step] fraction = {step.fraction:g} and {name} = {given[name]:g} exclude each other; give one"
+            )
         if self.preset is None:
             return step
-        given = {name: getattr(step, name) for name in self.step.model_fields_set}
         if given.keys() & {"fraction", "length"}:  # the user's own step instead of Eq. 4's
             given.setdefault("epsilon", None)
         return _PRESET_STEP._replace(**given)

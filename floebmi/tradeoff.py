@@ -45,6 +45,7 @@ SEES = (
 )
 AS_IT_IS = "(the scene as it is)"
 REFERENCE_FRACTION = 0.1
+FINER = 4  # a step that the scene gives, and the exchange, over those of the reference
 COMPARED = {  # of each frame; and what it is
     "transport": "mass that has left through the edges",
     "drift": "mean displacement of the ice, by mass",
@@ -107,7 +108,7 @@ def settings(scene: Scene, model: "Model", schedule: Schedule) -> dict[str, list
             dials["sampling"] = ["sampling=centre"]
         exchange, every = schedule.exchange, schedule.every
         longer = [by * exchange for by in (2, 3, 4) if every % (by * exchange) == 0]
-        dials["exchange"] = [f"time.exchange={e:g}" for e in longer]
+        dials["exchange"] = [f"time.exchange={e:.12g}" for e in longer]
     return {dial: texts for dial, texts in dials.items() if texts}
 
 
@@ -115,13 +116,17 @@ def _is_model(scene: Scene) -> bool:
     return isinstance(scene.contact, str) or getattr(scene.contact, "model", "") != "parts"
 
 
-def reference(scene: Scene, model: "Model") -> str:
-    """The fine setting that the others are compared with."""
-    fine = []
-    if model.contact is not None:
+def reference(model: "Model", schedule: Schedule) -> str:
+    """The fine setting that the others are compared with; model and schedule are those of the scene."""
+    fine, step = [], model.step
+    if step.length is not None:  # it has the last word, as epsilon has over a fraction
+        fine.append(f"step.length={step.length / FINER:.12g}")
+    elif model.contact is not None and step.epsilon is not None:
+        fine.append(f"step.epsilon={step.epsilon / FINER:.12g}")
+    elif model.contact is not None:
         fine.append(f"step.fraction={REFERENCE_FRACTION:g}")
     if model.ocean is not None or model.atmosphere is not None:
-        fine.append(f"time.exchange={scene.schedule().exchange / 4:g}")
+        fine.append(f"time.exchange={schedule.exchange / FINER:.12g}")
     return " ".join(fine)
 
 
@@ -140,8 +145,11 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
         free = model.floes.active & (model.floes.motion == 0)
         model.floes.x[free] += NUDGE * model.floes.radius[free]
     grid = _grid(scene, model)
-    # frames of all settings are of the same times, which a scene may leave to its exchange
-    schedule = scene.schedule(parameters["duration"])._replace(every=parameters["every"])
+    # frames of all settings are of the same times, which a scene may leave to its exchange; nor is an exchange that it
+    # leaves to its duration another one in a shorter run
+    schedule = Schedule(
+        parameters["duration"], scene.time.exchange or parameters["exchange"], parameters["every"]
+    )
     drive = Forcing(model, built.ocean, built.atmosphere)
     frames, spent, first, drift = [], 0.0, 0.0, np.zeros(2)
     for k in range(1, round(schedule.duration / schedule.exchange) + 1):
@@ -248,13 +256,13 @@ def tradeoff(
     seeds : number of seeds, 1, 2, …
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
     budget : minutes that all may take; the runs are made shorter to fit
-    to : NetCDF file to make; finished runs are kept beside it
+    to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
     jobs : processes
 
     Raises
     ------
     InputError
-        for a scene or a number that cannot be right.
+        for a scene or a number that cannot be right, and where there is a file that is no result.
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
@@ -265,12 +273,19 @@ def tradeoff(
         raise InputError(f"error = {error!r}: must be between 0 and 1")
     if seeds < 1:
         raise InputError(f"seeds = {seeds!r}: must be at least 1")
+    if budget is not None and not 0 < budget < np.inf:
+        raise InputError(f"budget = {budget!r} minutes: must be greater than 0")
+    if to.suffix != ".nc":
+        raise InputError(f"--to {to}: must end in .nc")
+    if to.exists():
+        read(to)  # replaced by a newer result is a result, and nothing else
     built, schedule = scene.build(), scene.schedule(duration)
     if schedule.duration < schedule.every:
         raise InputError(
             f"duration = {schedule.duration:g} s: shorter than the time between frames, {schedule.every:g} s"
         )
-    dials, fine = settings(scene, built.model, schedule), reference(scene, built.model)
+    dials = settings(scene, built.model, schedule)
+    fine = reference(built.model, schedule)
     if not fine:
         raise InputError(f"{scene.file}: has neither contacts nor fluids: there is no dial to turn")
     tried = [fine, f"{fine} {NUDGED}", "", *(text for texts in dials.values() for text in texts)]
@@ -284,6 +299,7 @@ def tradeoff(
         "text": _hash(scene.text),
         "overrides": overrides,
         "duration": schedule.duration,
+        "exchange": schedule.exchange,
         "every": schedule.every,
     }
     members = to.with_name(f"{to.name}.members")
@@ -344,6 +360,9 @@ def _compare(
     """Costs and errors of all settings, and in words how they were compared."""
     import xarray as xr
 
+    lost = [one for one in done.failures if one.point["setting"] in (fine, f"{fine} {NUDGED}")]
+    if lost:
+        raise InputError(f"tradeoff: without its reference nothing can be compared: {lost[0]}")
     times = {"time": Output(("frame",), "s", "since the start")}
     runs = ensemble.gather(done, OUTPUTS, times)
     base = runs.sel(setting=fine)

@@ -7,7 +7,7 @@ from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, Elastic, Restitution, frictional
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import COAST, Floes
+from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
@@ -278,6 +278,8 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(walls=[Wall("west", position=np.nan)]), "Wall.position"),
         (dict(walls=[Wall("west", normal_stress=1e3, mass=-1.0)]), "Wall.mass"),
         (dict(walls=[Wall("west", mass=1e6)]), "wall.mass = 1000000.0: is of a loaded wall"),
+        (dict(walls=[Wall("west", damping=0.5)]), "wall.damping = 0.5: is of a loaded wall"),
+        (dict(walls=[Wall("west", position=50.0)]), "by 1 m over the wall in the west, at 50 m"),
         (dict(walls=[Wall("west", normal_stress=1e3, damping=-1.0)]), "Wall.damping"),
         (dict(inflow=Inflow("west", SingleSize(5.0), thickness=-1.0)), "Inflow.thickness"),
         (dict(inflow=Inflow("west", SingleSize(5.0), velocity=(np.nan, 0.0))), "Inflow.velocity"),
@@ -319,3 +321,84 @@ def test_the_state_of_another_number_of_walls_or_of_an_older_record_is_refused()
     for walls in (model.state()["walls"][1:], model.state()["walls"][:, :-1]):
         with pytest.raises(InputError, match="number of walls differs .* older floebmi"):
             model.restore(model.state() | {"walls": walls})
+
+
+def test_a_restart_takes_places_of_walls_from_the_state_and_loads_and_speeds_from_the_scene():
+    def scene(*walls):
+        floes = Floes([10.0, 30.0], 50.0, 10.0, 1.0, u=[0.1, 0.0])
+        return Model(box(west="closed"), floes, contact=frictional(restitution=0.5), walls=walls)
+
+    model = scene(Wall("east", 40.0, normal_stress=1e4))
+    for _ in range(40):
+        model.advance(10.0)
+    assert model.wall_stress() == pytest.approx([1e4, 1e4], rel=1e-6)
+    harder = scene(Wall("east", 40.0, normal_stress=4e4))
+    harder.restore(model.state())
+    assert harder.wall_positions == pytest.approx(model.wall_positions, abs=0)
+    for _ in range(40):
+        harder.advance(10.0)
+    assert harder.wall_stress() == pytest.approx([4e4, 4e4], rel=1e-6)
+    away = scene(Wall("east", 40.0, velocity=0.05))
+    away.restore(model.state())
+    away.advance(10.0)
+    assert away.wall_positions[0] == pytest.approx(model.wall_positions[0] + 0.5)
+
+
+def test_the_state_of_walls_at_other_places_is_refused():
+    def scene(*walls):
+        return Model(box(), Floes(50.0, 50.0, 10.0, 1.0), contact=frictional(), walls=walls)
+
+    state = scene(Wall("west", 10.0)).state()
+    scene(Wall("west", 10.0)).restore(state)
+    with pytest.raises(InputError, match="wall in the west at 10 m, .* stand at 15 m"):
+        scene(Wall("west", 15.0)).restore(state)
+    with pytest.raises(InputError, match="no wall in the south"):
+        scene(Wall("south", 10.0)).restore(state)
+
+
+def test_a_floe_that_reaches_over_a_wall_is_refused_as_one_on_another_is():
+    def scene(x, motion=0, **wall):
+        walls = [Wall("west", 20.0, **wall)]
+        floes = Floes(x, 50.0, 10.0, 1.0, motion=motion)
+        return Model(box(), floes, contact=frictional(), walls=walls)
+
+    assert scene(29.5).floes.x == 29.5
+    with pytest.raises(InputError, match="1 floes reach over walls at the start .* floe 0 by 2 m"):
+        scene(28.0)
+    scene(28.0, motion=FIXED)  # both stay where they are
+    with pytest.raises(InputError, match="over walls at the start"):
+        scene(28.0, motion=FIXED, normal_stress=1e3)  # would shoot off the wall
+    model = scene(29.5)
+    model.advance(0.1)
+    model.floes.x[0] = 27.0
+    with pytest.raises(
+        InputError, match="over walls after an edit .* by 3 m over the wall in the west"
+    ):
+        model.advance(1.0)
+
+
+@pytest.mark.parametrize("motion", [0, FIXED])
+def test_a_wall_that_passes_the_centre_of_a_floe_stops_the_run(motion):
+    walls = [Wall("west", 30.0, 0.1), Wall("east", 70.0, -0.1)]
+    if motion:  # a loaded one
+        walls = [Wall("west", 30.0, normal_stress=1e9, mass=1e6)]
+    model = Model(
+        box(), Floes(50.0, 50.0, 10.0, 1.0, motion=motion), contact=frictional(), walls=walls
+    )
+    with pytest.raises(StabilityError, match="floe 0: its centre is .* behind the wall in the"):
+        for _ in range(100):
+            model.advance(4.0)
+
+
+@pytest.mark.parametrize("wall", [dict(position=20.0), dict(velocity=0.1), dict(normal_stress=1e4)])
+def test_floes_that_would_come_in_on_a_wall_or_behind_it_are_refused(wall):
+    def scene(edge="west", **wall):
+        inflow = Inflow("west", SingleSize(5.0), velocity=(0.1, 0.0))
+        floes = Floes(50.0, 50.0, 10.0, 1.0)
+        return Model(box(), floes, contact=frictional(), walls=[Wall(edge, **wall)], inflow=inflow)
+
+    scene(), scene("east", normal_stress=1e4)
+    with pytest.raises(
+        InputError, match="inflow.edge = 'west': floes come in at 0 m, and the wall"
+    ):
+        scene(**wall)

@@ -125,6 +125,63 @@ def test_a_member_that_was_cut_short_leaves_nothing_that_looks_finished(tmp_path
     assert not list((tmp_path / "m").glob("*.part"))
 
 
+def named(p, s):
+    return {"length": np.array(float(len(p["file"]))), "t": np.arange(len(p["file"]))}
+
+
+def unlike(p, s):
+    return {"t": s * np.arange(2.0), "row": np.zeros(s), "sum": np.array(s)}
+
+
+def shapeless(p, s):
+    return np.array(1.0)
+
+
+def test_a_path_may_be_swept(tmp_path):
+    sweep = {"file": ("data/a.nc", "/data/longer.nc")}
+    for _ in range(2):  # the second finds what the first has kept
+        done = ensemble.run(named, {}, sweep, (1,), tmp_path / "m", jobs=1)
+    data = ensemble.gather(done, {"length": Output((), "1", "of the name")})
+    assert [float(data.length.sel(file=name, seed=1)) for name in sweep["file"]] == [9, 15]
+
+
+def test_members_that_one_cannot_tell_apart_are_refused_before_any_runs(tmp_path):
+    for sweep, seeds in (({"a": (0.1, 0.1 + 1e-14)}, (1,)), ({"a": (1, 1.0)}, (1,)), ({}, (1, 1))):
+        with pytest.raises(InputError, match="several members are .*seed=1: values and seeds must"):
+            ensemble.run(member, {}, sweep, seeds, tmp_path / "m", jobs=1)
+    for sweep, seeds in (({"a": 0.3}, (1,)), ({"a": "abc"}, (1,)), ({}, 3), ({"seed": (1,)}, (2,))):
+        with pytest.raises(InputError, match="must be several values, as"):
+            ensemble.run(member, {}, sweep, seeds, tmp_path / "m", jobs=1)
+    with pytest.raises(InputError, match="parameters = .* must be numbers, texts"):
+        ensemble.run(member, {"b": np.arange(3)}, {"a": (1.0,)}, (1,), tmp_path / "m", jobs=1)
+    assert not (tmp_path / "m").exists()
+
+
+def test_what_members_return_is_checked(tmp_path):
+    with pytest.warns(UserWarning, match="seed=1: it returned ndarray, must be a dict of arrays"):
+        done = ensemble.run(shapeless, {}, {}, (1,), tmp_path / "s", jobs=1)
+    assert not done.members
+    done = ensemble.run(unlike, {}, {}, (1, 2), tmp_path / "m", jobs=1)
+    with pytest.raises(InputError, match="spin: seed=1 has none, only t, row, sum"):
+        ensemble.gather(done, {"spin": Output((), "1", "spin")})
+    with pytest.raises(
+        InputError, match=r"row: seed=2 has the shape \(2,\), another member \(1,\)"
+    ):
+        ensemble.gather(done, {"row": OUTPUTS["row"]})
+    with pytest.raises(InputError, match="t: seed=2 has others than another member"):
+        ensemble.gather(done, {"sum": OUTPUTS["sum"]}, COORDINATES)
+
+
+def test_files_that_a_full_disk_left_are_told(tmp_path):
+    ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    next((tmp_path / "m").glob("*.npz")).write_bytes(b"")
+    with pytest.raises(InputError, match="not a finished member"):
+        ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    (tmp_path / "m" / "ensemble.json").write_text("{")
+    with pytest.raises(InputError, match="ensemble.json: is damaged"):
+        ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
+
+
 def test_an_interrupt_stops_it_and_what_is_finished_stays(tmp_path):
     with pytest.raises(KeyboardInterrupt) as stop:
         ensemble.run(interrupted, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=1)

@@ -210,6 +210,8 @@ def test_the_command_sweeps_fits_and_goes_on_where_it_was(cli, tmp_path):
         ("strait --friction x", "must be a number"),
         ("strait --friction -1", "Strait.friction = -1.0: must be at least 0"),
         ("strait --width 5000,5000", "each value once"),
+        ("shear --duration 10,20", "Shear.duration = (10.0, 20.0): must be one value"),
+        ("strait --hours 2,3", "Strait.hours = (2.0, 3.0): must be one value"),
         ("strait --seeds 0", "--seeds"),
         ("strait --preset papr", "allowed"),
         ("shear --figure 7", "floebmi experiment strait"),

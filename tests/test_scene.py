@@ -245,6 +245,15 @@ def test_the_preset_gives_the_papers_scheme_and_lever_arms_unless_the_scene_says
     assert scene.step_law() == Step(scheme="taylor3", length=0.1)
 
 
+@pytest.mark.parametrize("other", ["length=0.1", "epsilon=0.05"])
+def test_a_fraction_of_the_limit_beside_another_step_is_refused(two, other):
+    for more in ([], ["preset=damsgaard2018"]):
+        scene = read_scene(two, ["step.fraction=0.3", f"step.{other}", *more])
+        said = rf"{other.split('=')[0]} = {other.split('=')[1]} exclude each other"
+        with pytest.raises(InputError, match=rf"\[step\] fraction = 0.3 and {said}"):
+            scene.build()
+
+
 @pytest.mark.long
 def test_only_the_forces_that_are_listed_are_in_the_model(two):
     assert read_scene(two).build().model.forces == ()

@@ -197,6 +197,7 @@ def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_refere
         ({"error": 0.0}, "error = 0.0: must be between 0 and 1"),
         ({"of": "speed"}, "of = 'speed': must be one of transport, drift"),
         ({"seeds": 0}, "seeds = 0: must be at least 1"),
+        ({"budget": np.nan}, "budget = nan minutes: must be greater than 0"),
         ({"duration": -1.0}, "duration = -1.0: must be greater than 0"),
         ({"duration": 9.0}, "duration = 9 s: shorter than the time between frames, 15 s"),
     ],
@@ -208,6 +209,19 @@ def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path,
     assert not list(tmp_path.glob("*.members"))
 
 
+def test_only_a_result_is_replaced_by_a_result(tmp_path):
+    path = scene_file(tmp_path, QUIET)
+    with pytest.raises(InputError, match="pack.toml: must end in .nc"):
+        tradeoff.tradeoff(path, to=path)
+    assert path.read_text() == QUIET
+    wind = tmp_path / "wind.nc"
+    xr.Dataset({"u10": ("x", [1.0, 2.0])}).to_netcdf(wind)
+    before = wind.read_bytes()
+    with pytest.raises(InputError, match="wind.nc"):
+        tradeoff.tradeoff(path, to=wind)
+    assert wind.read_bytes() == before and not list(tmp_path.glob("*.members"))
+
+
 def test_settings_are_compared_at_the_same_times_where_the_scene_has_none_for_its_frames(tmp_path):
     path = scene_file(
         tmp_path,
@@ -215,10 +229,62 @@ def test_settings_are_compared_at_the_same_times_where_the_scene_has_none_for_it
     )
     every = read_scene(path).schedule().every
     assert read_scene(path, ["time.exchange=2.5"]).schedule().every != every
-    shared = {"scene": str(path), "overrides": [], "duration": 60.0, "every": every}
+    shared = {
+        "scene": str(path), "overrides": [], "duration": 60.0, "exchange": 10.0, "every": every
+    }  # fmt: skip
     for setting in ("", "time.exchange=2.5"):
         made = tradeoff.member(shared | {"setting": setting}, seed=1)
         np.testing.assert_array_equal(made["time"], every * np.arange(1, 7))
+
+
+def test_an_exchange_left_to_the_duration_is_that_of_all_runs(tmp_path, monkeypatch, few_dials):
+    wind = "[time]\nduration = 80\n[atmosphere]\nvelocity = [1, 0]"
+    path = scene_file(tmp_path, QUIET.split("[time]")[0] + wind)
+    asked = []
+
+    def stop(member, shared, sweep, *args, **how):
+        asked.append((shared, sweep["setting"]))
+        raise InputError("that is all")
+
+    monkeypatch.setattr(tradeoff.ensemble, "run", stop)
+    with pytest.raises(InputError, match="that is all"):
+        tradeoff.tradeoff(path, to=tmp_path / "t.nc", duration=10.0)
+    ((shared, texts),) = asked
+    assert (
+        texts[0] == "step.fraction=0.1 time.exchange=0.125"
+    )  # not of the 4 s that 80 s would have
+    ways = []
+    monkeypatch.setattr(tradeoff, "_frame", lambda *given: {"velocity": np.zeros(1)})
+    monkeypatch.setattr(tradeoff, "_inertia_number", lambda *given: 0.0)
+    monkeypatch.setattr(tradeoff, "_way", lambda *given: np.zeros(2))
+    monkeypatch.setattr("floebmi.model.Model.advance", lambda model, dt: ways.append(dt))
+    for text in texts[:1] + texts[2:3]:
+        ways.clear()
+        tradeoff.member(shared | {"setting": text}, seed=1)
+        assert ways[0] == (0.125 if "exchange" in text else 0.5), text
+
+
+def test_the_reference_is_finer_than_a_step_that_the_scene_gives(tmp_path):
+    path = scene_file(tmp_path, QUIET)
+    for given, fine in (
+        ("step.length=0.4", "step.length=0.1"),
+        ("step.epsilon=0.08", "step.epsilon=0.02"),
+        ("preset=damsgaard2018", "step.epsilon=0.0175"),
+    ):
+        scene = read_scene(path, [given])
+        model = scene.build().model
+        assert tradeoff.reference(model, scene.schedule()) == fine
+        finer = read_scene(path, [given, fine]).build().model
+        assert finer.longest_step() == pytest.approx(model.longest_step() / 4)
+
+
+def test_a_reference_that_failed_is_told_with_its_reason(tmp_path, few_dials):
+    path = scene_file(tmp_path, QUIET.replace("u = 0.5", "u = 900.0"))
+    with (
+        pytest.warns(UserWarning, match="member failed"),
+        pytest.raises(InputError, match="without its reference .* floe 0"),
+    ):
+        tradeoff.tradeoff(path, to=tmp_path / "t.nc", seeds=1, jobs=1)
 
 
 def test_each_dial_of_a_packaged_scene_is_one_that_the_scene_takes():
@@ -226,7 +292,7 @@ def test_each_dial_of_a_packaged_scene_is_one_that_the_scene_takes():
         scene = read_scene(name)
         model = scene.build().model
         for texts in tradeoff.settings(scene, model, scene.schedule()).values():
-            for text in [*texts, tradeoff.reference(scene, model)]:
+            for text in [*texts, tradeoff.reference(model, scene.schedule())]:
                 read_scene(name, text.split())
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 REFERENCE = "Damsgaard, Adcroft & Sergienko (2018), doi:10.1029/2018MS001299"
 BOUNDS = ("low", "high")
+TIMES = ("duration", "hours", "interval")  # parameters that set the coordinate `time` of the result
 
 
 class Made(NamedTuple):
@@ -80,6 +81,10 @@ def run(
             make(kind, {name: several[0]})  # says what is allowed
         if len(set(several)) < len(several) or not several:
             raise InputError(f"{kind.__name__}.{name} = {several}: each value once, at least one")
+        if name in TIMES and len(several) > 1:
+            raise InputError(
+                f"{kind.__name__}.{name} = {several}: must be one value, since all members of a file share its times"
+            )
     always = ("normal_stress",) if kind is Shear else ()
     sweep = {name: v for name, v in table.items() if len(v) > 1 or name in always}
     # what is fitted over comes last
