@@ -598,7 +598,10 @@ class Advance:
 
     def _check_walls(self, at: str) -> None:
         """Stop where the centre of a floe has passed a wall."""
-        p, walls, floe = self.packed, self.state.walls[self.walls.number], self.walls.floe
+        p, floe = self.packed, self.walls.floe
+        if not len(floe):
+            return
+        walls = self.state.walls[self.walls.number]
         along_x = walls["axis"] == 0
         place = np.where(along_x, p.floes["x"][floe], p.floes["y"][floe])
         passed = walls["side"] * (walls["position"] - place)
