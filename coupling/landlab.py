@@ -37,7 +37,7 @@ from landlab.grid.base import ModelGrid
 from coupling.books import Books
 from coupling.driver import OVER_ICE, PER_AREA, Exchange
 from floebmi.boundaries import Domain
-from floebmi.coast import Coast, land_geometry
+from floebmi.coast import Coast, on_land
 from floebmi.contact import Contact, frictional
 from floebmi.errors import InputError
 from floebmi.floes import Floes
@@ -240,7 +240,7 @@ class SeaIceFloes(Component):
                 floes = self._made(cells, domain, concentration, thickness, sizes, coast, seed)
             if coast is not None:
                 floes = Floes.concatenate([floes, coast.floes])
-                cells = _without(cells, coast.polygons)
+                cells = _without(cells, coast.polygons, domain)
             self._model = Model(
                 domain,
                 floes,
@@ -458,19 +458,15 @@ def _of_scene(scene: str | Path, cells: Grid) -> Model:
                 " them out"
             )
     return Model(
-        model.domain, model.floes, model.contact, model.forces, _without(cells, own.land), model.walls,
+        model.domain, model.floes, model.contact, model.forces, _without(cells, own.land, model.domain), model.walls,
         model.inflow, model.step, model.sampling, model.ice_density, model.draft_fraction,
         model.floes.rotation, model.seed,
     )  # fmt: skip
 
 
-def _without(cells: Grid, land: list[np.ndarray]) -> Grid:
+def _without(cells: Grid, land: list[np.ndarray], domain: Domain) -> Grid:
     """Cells whose centre is on land are dry."""
-    if not land:
-        return cells
-    import shapely
-
-    return cells.with_wet(cells.wet & ~shapely.contains_xy(land_geometry(land), cells.x, cells.y))
+    return cells.with_wet(cells.wet & ~on_land(land, cells.x, cells.y, domain)) if land else cells
 
 
 def _box(grid: ModelGrid, cells: Grid, edges: str) -> Domain:

@@ -3,6 +3,7 @@
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
@@ -59,6 +60,17 @@ class Domain(NamedTuple):
         Far from (0, 0), as in a map projection, steps are so as exact as near it.
         """
         return min(max(0.0, self.x[0]), self.x[1]), min(max(0.0, self.y[0]), self.y[1])
+
+    def brought_back(self, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Places [m], those beyond periodic edges at their images in the domain."""
+        found = []
+        for values, (low, high), length in zip((x, y), (self.x, self.y), self.period, strict=True):
+            values = np.asarray(values, float)
+            if length is not None:
+                out = (values < low) | (values > high)
+                values = np.where(out, low + np.mod(values - low, length), values)
+            found.append(values)
+        return found[0], found[1]
 
     def position(self, edge: str) -> float:
         """Coordinate of an edge [m]."""

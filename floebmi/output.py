@@ -206,7 +206,7 @@ class GriddedWriter(_GrowingFile):
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
-        self._land = land_geometry(land)
+        self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "gridded")
         self._rows = _rows_of(model, names)
         self._before = model.time, _impulses(model)
@@ -301,7 +301,7 @@ class TrajectoryWriter(_GrowingFile):
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
-        self._land = land_geometry(land)
+        self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "trajectories")
         self._attributes["featureType"] = "trajectory"
         constant = {"radius", "thickness", "motion"}

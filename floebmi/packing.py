@@ -529,10 +529,12 @@ class _Barrier(NamedTuple):
     discs: np.ndarray
     geometry: object
     grid: Grid | None
+    domain: Domain
 
     def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether points lie on land."""
         inside = np.zeros(len(x), bool)
+        x, y = self.domain.brought_back(x, y)
         if self.geometry is not None:
             import shapely
 
@@ -563,7 +565,7 @@ def _barrier(
     if land is not None:
         import shapely
 
-        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land)
+        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land, domain)
         shapely.prepare(geometry)
         box = shapely.box(domain.x[0], domain.y[0], domain.x[1], domain.y[1])
         area += geometry.intersection(box).area
@@ -575,7 +577,7 @@ def _barrier(
         segments.append(_dry_edges(grid))
     if segments:
         fixed.append(_guards(np.concatenate(segments), domain, smallest))
-    return _Barrier(area, np.concatenate(fixed), geometry, grid)
+    return _Barrier(area, np.concatenate(fixed), geometry, grid, domain)
 
 
 def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray:

@@ -26,6 +26,7 @@ from landlab.components import COMPONENTS
 import coupling.landlab
 from coupling.landlab import FRACTION, THICKNESS, SeaIceFloes, cells_of
 from floebmi.boundaries import Domain
+from floebmi.coast import from_polygons
 from floebmi.errors import InputError
 from floebmi.floes import Floes
 from floebmi.forces import AirDrag, OceanDrag
@@ -245,6 +246,14 @@ def test_networks_and_globes_are_refused(grid):
 def test_a_grid_without_cells_is_refused():
     with pytest.raises(ValueError, match="RasterModelGrid: has no cells"):
         SeaIceFloes(RasterModelGrid((2, 2)))
+
+
+def test_nodes_on_land_beyond_a_periodic_edge_are_dry():
+    grid = RasterModelGrid((7, 12), xy_spacing=1000.0)  # the cells go from 500 to 10500 m
+    ring = [(9000.0, 1000.0), (11600.0, 1000.0), (11600.0, 5000.0), (9000.0, 5000.0)]
+    ice = SeaIceFloes(grid, coast=from_polygons([ring], 200.0), edges="periodic")
+    wet = ice.model.grid.wet.reshape(5, 10)
+    assert wet[1].tolist() == [False] + [True] * 8 + [False]
 
 
 # ---- fields -----------------------------------------------------------------------------------------

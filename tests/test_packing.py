@@ -206,6 +206,17 @@ def test_floes_keep_clear_of_land_and_of_the_coast_that_lines_it(concentration):
     assert shapely.contains_xy(land, bare.x, bare.y).any()
 
 
+@pytest.mark.parametrize("away", [0.0, 1000.0, -3000.0])  # over the seam, and periods away from it
+def test_land_beyond_a_periodic_edge_is_land_on_the_other_side(away):
+    ring = np.array([(800.0, 300.0), (1300.0, 300.0), (1300.0, 700.0), (800.0, 700.0)])
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0), west="periodic", east="periodic")
+    floes = scatter(domain, SingleSize(20.0), 0.5, seed=1, land=[ring + (away, 0.0)])
+    both = shapely.MultiPolygon([shapely.Polygon(ring), shapely.Polygon(ring - (1000.0, 0.0))])
+    clear = shapely.distance(both, shapely.points(floes.x, floes.y)) - floes.radius
+    assert clear.min() > 0.0
+    assert floes.area.sum() / (1e6 - 500.0 * 400.0) == pytest.approx(0.5, rel=0.005)
+
+
 def test_land_may_be_rings_or_the_dry_cells_of_a_grid():
     domain = Domain((0.0, 1000.0), (0.0, 1000.0))
     wet = np.ones((10, 10), bool)
