@@ -233,13 +233,15 @@ def run(
         raise InputError(f"{read.file}: [output] paraview = true: needs trajectories = true")
     targets = [path for path in (gridded, trajectories, picture, last_state, paraview) if path]
     _refuse_to_overwrite(folder, targets, force)
-    state = load_restart(restart)[0] if restart is not None else None
+    state, told = (None, {}) if restart is None else load_restart(restart)
 
     built = read.build()
     model = built.model
     if state is not None:
         with _of(f"--restart {restart}"):
             model.restore(state)
+            _check_start(read, told)
+        read.tilt_sea(model)
     left = schedule.duration - model.time
     if left <= 0:
         raise InputError(
@@ -283,6 +285,22 @@ def run(
             err=True,
         )
         sys.exit(130)
+
+
+def _check_start(read: "Scene", told: dict[str, Any]) -> None:
+    """InputError if time 0 of a restart file has a date, and the scene has another or none."""
+    from floebmi.clock import date_of, same_calendar
+
+    if "start" not in told:  # written without one
+        return
+    start, calendar = read.time.start, read.time.calendar or "standard"
+    if not same_calendar(calendar, told["calendar"]):
+        key, value, other = "calendar", calendar, told["calendar"]
+    elif start is None or date_of(start, calendar) != date_of(told["start"], calendar):
+        key, value, other = "start", start or "none", told["start"]
+    else:
+        return
+    raise InputError(f"restart: [time] {key} = {value}, the restart's is {other}; must be the same")
 
 
 def _going_on(

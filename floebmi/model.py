@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
+from floebmi.agreement import named, of_grid, refuse_other, refuse_other_coast
 from floebmi.arrays import all_finite
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls, check_domain
 from floebmi.budgets import Ledger
@@ -333,6 +334,7 @@ class Model:
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
         self._accepted = self._seen.floes
+        self._scene = self._must_agree()
         self._tables = self._allocate()  # of the forces at all floes
         self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
@@ -838,6 +840,7 @@ class Model:
         memory = s.memory.by_number(len(f))
         state: dict[str, object] = {
             "version": __version__,
+            "scene": self._scene,
             "time": self.time,
             "last_duration": self._last_duration,
             "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(
@@ -873,12 +876,19 @@ class Model:
     def restore(self, state: dict[str, object]) -> None:
         """Take up the state of a model of the same scene; then it goes on with the same bits.
 
+        Domain, grids with their dry cells, contact law, Coriolis parameter, ice density, walls, edges and sizes of inflows,
+        and coast must be those of that model; drag, forcing, step and threads may be others.
+
         Raises
         ------
         InputError
-            if the state does not fit this model; the model is then as before.
+            if the state does not fit this model, with table and key; the model is then as before.
         """
         expected = set(self.state())
+        if "scene" in state:
+            refuse_other(json.loads(self._scene), json.loads(str(state["scene"])))
+        else:  # of an older floebmi
+            expected.remove("scene")
         if expected - set(state) == {f"list_{name}" for name in Marks._fields}:
             raise InputError(
                 "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
@@ -913,6 +923,7 @@ class Model:
             **rotation,
         )
         floes.active[:] = of_floes("active").astype(bool)
+        refuse_other_coast(self.floes, floes, self.domain)
         for name in own(self.contact):
             floes.allow_own(name)
             setattr(floes, name, of_floes(name))
@@ -950,6 +961,22 @@ class Model:
         listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
         if len(listed.way):
             self._advance().list_again(listed)
+
+    def _must_agree(self) -> str:
+        """What this model has in common with those whose state it takes up, as JSON."""
+        rows = [*named("domain", self.domain), *of_grid("grid", self.grid)]
+        if self.atmosphere is not None:
+            rows += of_grid("atmosphere.grid", self.atmosphere.grid)
+        rows += named("contact", self.contact)
+        for force in self.forces:
+            if isinstance(force, Coriolis):
+                rows += named("coriolis", force)
+        rows.append(("ice.density", self.ice_density))
+        for k, wall in enumerate(self.walls):
+            rows += named(f"walls.{k}", wall)
+        for k, inflow in enumerate(self.inflow):
+            rows += [(f"inflow.{k}.edge", inflow.edge), *named(f"inflow.{k}.sizes", inflow.sizes)]
+        return json.dumps(dict(rows))
 
     # ---- in words ----------------------------------------------------------------------------------
 

@@ -184,6 +184,9 @@ def run(
     files = [Path(path) for path in (gridded, trajectories) if path is not None]
     finished, first_steps = True, None
     kept, saved = model.state(), time.monotonic()
+    of_state = dict(attributes or {})
+    if reference is not None:
+        of_state |= {"start": reference, "calendar": calendar}
     with contextlib.ExitStack() as stack:
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(
@@ -218,18 +221,18 @@ def run(
                         drive.fill(model.time)
                         write()
                         if restart is not None and time.monotonic() - saved >= SAVED_EVERY:
-                            save_restart(restart, kept, attributes)
+                            save_restart(restart, kept, of_state)
                             saved = time.monotonic()
                 meter.update(model)
                 if interrupted and target < end:
                     finished = False
                     break
         except BaseException as error:
-            _save(restart, kept, attributes, error)
+            _save(restart, kept, of_state, error)
             raise
     if restart is not None:
         with clock.of("output"):
-            save_restart(restart, kept, attributes)
+            save_restart(restart, kept, of_state)
         files.append(Path(restart))
     return Report(
         finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,

@@ -759,8 +759,7 @@ class Scene(Table):
         with self.place("inflow"):
             for inflow in model.inflow:
                 _check_open(inflow, domain, land)
-        if self.tilt is not None:
-            model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
+        self.tilt_sea(model)
         if self.ocean is not None:
             model.ocean.layer_thickness = self.ocean.layer_thickness
         with self.place("ocean"):
@@ -768,6 +767,11 @@ class Scene(Table):
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         return Built(model, ocean, atmosphere, land)
+
+    def tilt_sea(self, model: "Model") -> None:
+        """Give the ocean the slope of the scene; a state that is taken up has that of its own."""
+        if self.tilt is not None:
+            model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
 
     def contact_law(self) -> Contact | None:
         """The contact law that the scene lists, or None."""
