@@ -146,7 +146,7 @@ def run(
 
     Returns
     -------
-    Report : also when Ctrl-C stopped the run, then `finished` is False
+    Report : also when Ctrl-C, SIGTERM or SIGHUP stopped the run, then `finished` is False
 
     Raises
     ------
@@ -380,7 +380,7 @@ class _Interrupt:
 
 @contextlib.contextmanager
 def _gentle_interrupt() -> Iterator[_Interrupt]:
-    """Ctrl-C and SIGTERM let the exchange at hand come to its end; a second one stops at once."""
+    """Ctrl-C, SIGTERM and SIGHUP let the exchange at hand come to its end; a second one stops at once."""
     interrupt = _Interrupt()
     if threading.current_thread() is not threading.main_thread():
         yield interrupt  # signals belong to the main thread
@@ -391,7 +391,11 @@ def _gentle_interrupt() -> Iterator[_Interrupt]:
             raise KeyboardInterrupt
         interrupt.asked = True
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    # Windows has no SIGHUP, and nohup has it ignored
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, ask) for number in numbers}
     try:
         yield interrupt
     finally:
