@@ -275,6 +275,29 @@ def test_a_restart_file_of_another_scene_is_refused(cli, ran):
     assert f"--restart {ran / 'restart.nc'}: " in result.stderr
 
 
+@pytest.mark.parametrize(
+    "args", [["run", "two-floes", "--to"], ["scene", "two-floes", "--to"], ["plot"]]
+)
+def test_an_empty_path_is_not_the_folder_here(cli, tmp_path, args):
+    result = cli(*args, "")
+    assert result.exit_code == 2
+    assert "is empty; must be a path" in result.stderr and not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a pipe with a name, which Windows has not")
+def test_a_pipe_is_no_scene(tmp_path):
+    os.mkfifo(tmp_path / "scene.toml")
+    call = [sys.executable, "-m", "floebmi", "run", "scene.toml"]
+    done = subprocess.run(
+        call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert (
+        done.stderr
+        == "floebmi: scene.toml: is no regular file; save what comes from there in one\n"
+    )
+
+
 STARTED = """
 [domain]
 x = [0, 200]
