@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
-from floebmi.quantities import is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, unmasked
 
 if TYPE_CHECKING:
     import shapely
@@ -186,6 +186,10 @@ def land_geometry(
         if not np.isfinite(points).all():
             row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
             raise InputError(f"polygon {number}, point {row} = {points[row]}; must be finite")
+        if (far := np.abs(points).max()) > FARTHEST:
+            raise InputError(
+                f"polygon {number}: a coordinate of {far:g} m; must be within {FARTHEST:g} m"
+            )
         ring = shapely.Polygon(points)
         if not ring.is_valid or ring.area == 0:
             raise InputError(
@@ -299,6 +303,8 @@ def read_features(
             "projection of the domain"
         )
     for name, geometry, _ in found:
+        if (far := np.abs(shapely.get_coordinates(geometry)).max()) > FARTHEST:
+            raise InputError(f"{name}: a coordinate of {far:g} m; must be within {FARTHEST:g} m")
         if not geometry.is_valid:
             reason = shapely.is_valid_reason(geometry)
             raise InputError(f"{name}: {reason}; must be a valid polygon")

@@ -25,7 +25,7 @@ from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
-from floebmi.quantities import is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, number_in, unmasked
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
@@ -496,6 +496,7 @@ _FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + 
     "angle",
     "angular_velocity",
 )
+_FARTHEST = {"x": FARTHEST, "y": FARTHEST, "radius": FARTHEST, "area": FARTHEST**2}  # [m], [m²]
 
 
 def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict[str, np.ndarray]:
@@ -508,9 +509,11 @@ def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict
         for name in names:
             value = row.get(name)
             try:
-                number = float(value)  # type: ignore[arg-type]
+                number = number_in(value)
                 right = "must be a finite number"
-                if name in ("radius", "area", "thickness") and np.isfinite(number):
+                if np.isfinite(number) and abs(number) > _FARTHEST.get(name, np.inf):
+                    right = f"must be within {_FARTHEST[name]:g}"
+                elif name in ("radius", "area", "thickness") and np.isfinite(number):
                     right = "must be greater than 0" if number <= 0 else ""
                 elif np.isfinite(number):
                     right = ""

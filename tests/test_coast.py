@@ -157,6 +157,10 @@ def test_no_land_is_no_coast():
         ([[(0, 0), (1, 1), (1, 0), (0, 1)]], "polygon 0: Self-intersection"),
         ([[(0, 0), (1, 1), (2, 2)]], "polygon 0"),
         ([[(0, 0), (1, np.nan), (2, 2)]], "polygon 0, point 1"),
+        (
+            [SQUARE, np.array(SQUARE) * 1e200],
+            "polygon 1: a coordinate of 1e+203 m; must be within 1e+09 m",
+        ),
     ],
 )
 def test_a_polygon_that_is_none_is_refused_with_its_number(polygons, said):
@@ -273,6 +277,10 @@ def test_geojson_in_degrees_needs_a_projection(tmp_path):
         ("[1]", "must be GeoJSON"),
         ('{"type": "FeatureCollection", "features": []}', "holds no features"),
         ('{"type": "Point", "coordinates": [5000, 5000]}', "feature 0: Point; must be Polygon"),
+        (
+            '{"type": "Polygon", "coordinates": [[[0,0],[1e200,0],[0,999],[0,0]]]}',
+            "feature 0: a coordinate of 1e+200 m; must be within 1e+09 m",
+        ),
         ('{"type": "Polygon", "coordinates": []}', "feature 0: has no geometry"),
         ('{"type": "Feature", "geometry": null, "properties": {}}', "feature 0: has no geometry"),
         (

@@ -510,6 +510,12 @@ def test_a_csv_file_gives_its_floes_in_any_order_and_case_of_columns(tmp_path):
         ("x,y,radius,thickness\n0,zero,10,1\n", "row 2, column 'y': 'zero' must be a number"),
         ("x,y,radius,thickness\n0,nan,10,1\n", "row 2, column 'y': 'nan' must be a finite number"),
         ("x,y,radius,thickness\n\n0,0,9,1\n\n0,zero,10,1\n", "row 5, column 'y': 'zero'"),
+        ("x,y,radius,thickness\n1_000,0,10,1\n", "row 2, column 'x': '1_000' must be a number"),
+        (
+            "x,y,radius,thickness\n0,-1e200,10,1\n",
+            "row 2, column 'y': '-1e200' must be within 1e+09",
+        ),
+        ("x,y,area,thickness\n0,0,1e200,1\n", "row 2, column 'area': '1e200' must be within 1e+18"),
         ("x,y,radius,thickness\n0,0,10\n", "row 2 has 3 values; must be 4"),
         ("x,y,radius,thickness\n0,0,10,\n", "row 2, column 'thickness': '' must be a number"),
         ("x,yy,radius,thickness\n0,0,10,1\n", "has no column 'y'; allowed"),
@@ -595,6 +601,12 @@ def test_a_polygon_that_crosses_itself_is_no_floe(tmp_path):
     "geometry, properties, said",
     [
         ([5000, 0], {"radius": -1}, "feature 0, column 'radius': -1 must be greater than 0"),
+        ([5000, 0], {"radius": True}, "feature 0, column 'radius': True must be a number"),
+        (
+            [5000, 1e200],
+            {"radius": 1},
+            "feature 0: a coordinate of 1e+200 m; must be within 1e+09 m",
+        ),
         ([5000, 0], {}, "must have a column 'radius' or 'area'"),
         ([5000, 0], {"radius": 1, "x": 3}, "property 'x' or 'y' beside a geometry"),
     ],
