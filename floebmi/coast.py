@@ -208,6 +208,13 @@ def land_geometry(
     return land if domain is None else _brought_back(land, domain)
 
 
+def within(coast: Coast, domain: "Domain") -> Coast:
+    """A coast whose land and floes are brought back across the periodic edges of a domain, for a part that has none."""
+    floes = coast.floes.copy()
+    floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
+    return Coast(floes, _rings(land_geometry(coast.polygons, domain)))
+
+
 def on_land(
     polygons: Sequence[ArrayLike], x: ArrayLike, y: ArrayLike, domain: "Domain"
 ) -> np.ndarray:

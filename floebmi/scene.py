@@ -876,6 +876,16 @@ class Scene(Table):
         seed = getattr(group, "seed", None)
         seed = self.seed + k if seed is None else seed
         region = _region(domain, getattr(group, "x", None), getattr(group, "y", None))
+        if land is not None and region.period != domain.period:
+            from floebmi.coast import within
+
+            # one period from where the region begins: it may lie across the seam
+            spans = {
+                name: (low, low + length)
+                for name, (low, _), length in zip("xy", region[:2], domain.period, strict=True)
+                if length is not None
+            }
+            land = within(land, domain._replace(**spans))
         if isinstance(group, Scatter):
             if (group.concentration is None) == (group.count is None):
                 raise InputError("give either concentration or count")

@@ -437,6 +437,34 @@ span = [100, 700]
     assert wet[0].tolist() == [True] * 3 + [False] * 4 + [True] * 3
 
 
+@pytest.mark.parametrize("west, east", [(0, 500), (900, 1900)])
+def test_floes_in_part_of_a_periodic_domain_keep_clear_of_land_beyond_its_seam(write, west, east):
+    ring = [[800, 200], [1200, 200], [1200, 800], [800, 800], [800, 200]]
+    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
+    path = write(
+        """
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+west = "periodic"
+east = "periodic"
+[coast]
+geojson = "land.geojson"
+radius = 20
+[floes]
+x = [0, 1]
+size = { distribution = "single", radius = 20 }
+concentration = 0.5
+"""
+    )
+    floes = read_scene(path, [f"floes.x=[{west}, {east}]"]).build().model.floes
+    ice = floes.motion == 0
+    beside = (floes.x % 1000)[ice & (abs(floes.y - 500) < 300)]
+    assert beside.min() >= 220.0 and beside.max() <= 780.0
+    wet = (east - west) * 1000 - (200 if west == 0 else 400) * 600
+    assert floes.area[ice].sum() == pytest.approx(0.5 * wet, rel=0.005)
+
+
 def test_a_land_fraction_on_a_grid_round_the_period_goes_on_at_the_other_side(write):
     xr = pytest.importorskip("xarray")
     land = np.zeros((10, 10))
