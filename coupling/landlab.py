@@ -18,9 +18,10 @@ What is not read is not passed over: a field of the table that the laws do not r
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from landlab import (
@@ -36,8 +37,8 @@ from landlab.grid.base import ModelGrid
 
 from coupling.books import Books
 from coupling.driver import OVER_ICE, PER_AREA, Exchange
-from floebmi.boundaries import Domain
-from floebmi.coast import Coast, land_geometry
+from floebmi.boundaries import Domain, Edge
+from floebmi.coast import Coast, on_land
 from floebmi.contact import Contact, frictional
 from floebmi.errors import InputError
 from floebmi.floes import Floes
@@ -127,9 +128,10 @@ class SeaIceFloes(Component):
     forces : sequence of forces, optional
         Drag of water and air, tilt and Coriolis, read from fields, if not given.
     edges : str
-        What the rim of the domain does: "inactive" (floes leave) or "closed" (a wall).
+        What the rim of the domain does: "inactive" (floes leave), "closed" (a wall), or "periodic" (floes come in
+        on the other side).  Looped sides of a raster are periodic in any case.
     domain : Domain, optional
-        In place of the box around the cells.
+        In place of the box around the cells; periodic where the grid is looped.
     coast : Coast, optional
         Land that floes cannot pass; cells with their centre on it are dry.
     seed : int
@@ -206,7 +208,7 @@ class SeaIceFloes(Component):
         sizes: Sizes | Sequence[float] | None = None,
         contact: Contact | None = None,
         forces: Sequence[Force] | None = None,
-        edges: Literal["inactive", "closed"] = "inactive",
+        edges: Edge = "inactive",
         domain: Domain | None = None,
         coast: Coast | None = None,
         seed: int = 0,
@@ -234,13 +236,15 @@ class SeaIceFloes(Component):
             if named:
                 raise InputError(f"SeaIceFloes: {named[0]} is given beside a scene: say it there")
             self._model = _of_scene(scene, cells)
+            _check_looped(grid, self._model.domain)
         else:
             domain = _box(grid, cells, edges) if domain is None else domain
+            _check_looped(grid, domain)
             if floes is None:
                 floes = self._made(cells, domain, concentration, thickness, sizes, coast, seed)
             if coast is not None:
                 floes = Floes.concatenate([floes, coast.floes])
-                cells = _without(cells, coast.polygons)
+                cells = _without(cells, coast.polygons, domain)
             self._model = Model(
                 domain,
                 floes,
@@ -458,30 +462,56 @@ def _of_scene(scene: str | Path, cells: Grid) -> Model:
                 " them out"
             )
     return Model(
-        model.domain, model.floes, model.contact, model.forces, _without(cells, own.land), model.walls,
+        model.domain, model.floes, model.contact, model.forces, _without(cells, own.land, model.domain), model.walls,
         model.inflow, model.step, model.sampling, model.ice_density, model.draft_fraction,
         model.floes.rotation, model.seed,
     )  # fmt: skip
 
 
-def _without(cells: Grid, land: list[np.ndarray]) -> Grid:
+def _without(cells: Grid, land: list[np.ndarray], domain: Domain) -> Grid:
     """Cells whose centre is on land are dry."""
-    if not land:
-        return cells
-    import shapely
-
-    return cells.with_wet(cells.wet & ~shapely.contains_xy(land_geometry(land), cells.x, cells.y))
+    return cells.with_wet(cells.wet & ~on_land(land, cells.x, cells.y, domain)) if land else cells
 
 
 def _box(grid: ModelGrid, cells: Grid, edges: str) -> Domain:
     """Around the cells, but not beyond the nodes: rim cells of a Voronoi grid can reach very far."""
     west, east, south, north = cells.bounds
     x, y = grid.x_of_node, grid.y_of_node
+    along_x, along_y = ("periodic" if looped else edges for looped in _looped(grid))
     return Domain(
         (max(west, float(x.min())), min(east, float(x.max()))),
         (max(south, float(y.min())), min(north, float(y.max()))),
-        edges, edges, edges, edges,
+        along_x, along_x, along_y, along_y,
     )  # fmt: skip
+
+
+def _looped(grid: ModelGrid) -> tuple[bool, bool]:
+    """Whether the west and east side, and the south and north side, are each other's images.
+
+    Landlab links a looped node to the first one inside the other side, so the cells make up one period.
+    """
+    looped = grid.status_at_node == grid.BC_NODE_IS_LOOPED
+    if not looped.any():
+        return False, False
+    if isinstance(grid, RasterModelGrid):
+        rows = looped.reshape(grid.shape)
+        sides = rows[1:-1, [0, -1]], rows[[0, -1], 1:-1]
+        if not rows[1:-1, 1:-1].any() and all(side.all() or not side.any() for side in sides):
+            return bool(sides[0].any()), bool(sides[1].any())
+    raise InputError(
+        f"{type(grid).__name__}: has looped nodes that are not two whole sides of a raster; use set_looped_boundaries"
+    )
+
+
+def _check_looped(grid: ModelGrid, domain: Domain) -> None:
+    """InputError if the grid is looped where the domain is not periodic, or the period is another."""
+    own = _box(grid, cells_of(grid), "inactive")
+    for axis, wanted, length in zip("xy", own.period, domain.period, strict=True):
+        if wanted is not None and (length is None or not math.isclose(length, wanted)):
+            raise InputError(
+                f"SeaIceFloes: the grid is looped along {axis}, but domain.{axis} = {getattr(domain, axis)} is not"
+                f" periodic over {wanted:g} m; make it so, or leave the domain out"
+            )
 
 
 def _refuse_elsewhere(grid: ModelGrid, name: str) -> None:

@@ -3,6 +3,7 @@
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose
@@ -59,6 +60,17 @@ class Domain(NamedTuple):
         Far from (0, 0), as in a map projection, steps are so as exact as near it.
         """
         return min(max(0.0, self.x[0]), self.x[1]), min(max(0.0, self.y[0]), self.y[1])
+
+    def brought_back(self, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Places [m], those beyond periodic edges at their images in the domain."""
+        found = []
+        for values, (low, high), length in zip((x, y), (self.x, self.y), self.period, strict=True):
+            values = np.asarray(values, float)
+            if length is not None:
+                out = (values < low) | (values > high)
+                values = np.where(out, low + np.mod(values - low, length), values)
+            found.append(values)
+        return found[0], found[1]
 
     def position(self, edge: str) -> float:
         """Coordinate of an edge [m]."""
@@ -202,32 +214,17 @@ def edge_of(wall: np.void) -> str:
     return next(e for e in EDGES if _AXIS[e] == wall["axis"] and _SIDE[e] == wall["side"])
 
 
-def walls_of_state(walls: np.ndarray, rows: np.ndarray, domain: Domain) -> np.ndarray:
+def walls_of_state(walls: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """The walls of a scene where a restart file has them; loads, and speeds of walls without one, are the scene's.
 
     rows : (walls, columns of `WALL`)
-
-    Raises
-    ------
-    InputError
-        for a wall at another edge, and for one that stands still at another place.
     """
     saved = walls.copy()
     names = walls.dtype.names
     for record, row in zip(saved, rows.reshape(len(walls), len(names)), strict=True):
-        of_state, edge = dict(zip(names, row, strict=True)), edge_of(record)
-        if (of_state["axis"], of_state["side"]) != (record["axis"], record["side"]):
-            raise InputError(f"restart: has no wall in the {edge}, where the scene has one")
-        loaded = record["inverse_mass"] > 0.0
-        apart = of_state["position"] - record["position"]
-        if not loaded and record["speed"] == 0.0 and abs(apart) > 1e-9 * np.sqrt(domain.area):
-            place = domain.origin[int(record["axis"])] + record["position"]
-            raise InputError(
-                f"restart: has the wall in the {edge} at {place + apart:.12g} m, the scene lets it stand at {place:.12g} m; "
-                "must be the same place"
-            )
+        of_state = dict(zip(names, row, strict=True))
         for name in ("position", "speed", "force", "previous", "impulse", "work"):
-            if loaded or name != "speed":
+            if record["inverse_mass"] > 0.0 or name != "speed":
                 record[name] = of_state[name]
     return saved
 

@@ -128,6 +128,18 @@ def _with_notes(error: BaseException) -> str:
     return f"{error}{_notes(error)}"
 
 
+class _PathType(click.Path):
+    """A path; an empty one, as of a variable of the shell that is not set, would be the folder here."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value):
+            self.fail("is empty; must be a path", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+_PATH = _PathType(path_type=Path)
+
+
 def _notes(error: BaseException) -> str:
     return "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
 
@@ -176,12 +188,12 @@ def floebmi() -> None:
 @click.argument("scene", shell_complete=_scenes)
 @_set_option
 @click.option(
-    "--to", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
+    "--to", "folder", type=_PATH, metavar="FOLDER",
     help="Where the output goes; else a folder here with the scene's name.",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace the output of an earlier run.")
 @click.option(
-    "--restart", type=click.Path(path_type=Path), metavar="FILE",
+    "--restart", type=_PATH, metavar="FILE",
     help="Go on from a restart file, to the end of the scene's duration.",
 )  # fmt: skip
 @click.option(
@@ -233,13 +245,15 @@ def run(
         raise InputError(f"{read.file}: [output] paraview = true: needs trajectories = true")
     targets = [path for path in (gridded, trajectories, picture, last_state, paraview) if path]
     _refuse_to_overwrite(folder, targets, force)
-    state = load_restart(restart)[0] if restart is not None else None
+    state, told = (None, {}) if restart is None else load_restart(restart)
 
     built = read.build()
     model = built.model
     if state is not None:
         with _of(f"--restart {restart}"):
             model.restore(state)
+            _check_start(read, told)
+        read.tilt_sea(model)
     left = schedule.duration - model.time
     if left <= 0:
         raise InputError(
@@ -283,6 +297,22 @@ def run(
             err=True,
         )
         sys.exit(130)
+
+
+def _check_start(read: "Scene", told: dict[str, Any]) -> None:
+    """InputError if time 0 of a restart file has a date, and the scene has another or none."""
+    from floebmi.clock import date_of, same_calendar
+
+    if "start" not in told:  # written without one
+        return
+    start, calendar = read.time.start, read.time.calendar or "standard"
+    if not same_calendar(calendar, told["calendar"]):
+        key, value, other = "calendar", calendar, told["calendar"]
+    elif start is None or date_of(start, calendar) != date_of(told["start"], calendar):
+        key, value, other = "start", start or "none", told["start"]
+    else:
+        return
+    raise InputError(f"restart: [time] {key} = {value}, the restart's is {other}; must be the same")
 
 
 def _going_on(
@@ -406,7 +436,7 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
 )
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores.")
 @click.option(
-    "--to", "target", type=click.Path(path_type=Path), metavar="FILE",
+    "--to", "target", type=_PATH, metavar="FILE",
     help="NetCDF file to make, and a .png beside it; else SCENE.tradeoff.nc here.",
 )  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -453,7 +483,7 @@ def tradeoff(
 @floebmi.command()
 @click.argument("name", required=False)
 @click.option(
-    "--to", "target", type=click.Path(path_type=Path), metavar="FILE",
+    "--to", "target", type=_PATH, metavar="FILE",
     help="Copy the scene to this file (or into this folder), with the data that it reads.",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace files that are there.")
@@ -548,9 +578,7 @@ def _target(target: Path | None, default: Path, force: bool) -> Path:
 
 
 def _to_option(metavar: str, text: str) -> Callable:
-    return click.option(
-        "--to", "target", type=click.Path(path_type=Path), metavar=metavar, help=text
-    )
+    return click.option("--to", "target", type=_PATH, metavar=metavar, help=text)
 
 
 _force_option = click.option("--force", is_flag=True, help="Replace what is there.")
@@ -565,7 +593,7 @@ _arrows_option = click.option(
 
 
 @floebmi.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=_PATH)
 @_to_option("FILE", "Picture to make (.png, .pdf, .svg); else a .png beside FILE.")
 @_force_option
 @click.option("--time", "number", default=-1, help="Number of the frame; negative from the end.")
@@ -627,7 +655,7 @@ def _refuse(what: str, *parameters: str) -> None:
 
 
 @floebmi.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=_PATH)
 @_to_option("FILE", "Film to make (.mp4 or .gif); else an .mp4 beside FILE.")
 @_force_option
 @_color_option
@@ -659,7 +687,7 @@ def animate(
 
 
 @floebmi.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=_PATH)
 @_to_option("FILE", "Page to make (.html); else an .html beside FILE.")
 @_force_option
 @_color_option
@@ -676,7 +704,7 @@ def view(file: Path, target: Path | None, force: bool, color: str, every: int) -
 
 
 @floebmi.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=_PATH)
 @_to_option("FOLDER", "Where the files go; else a folder paraview beside FILE.")
 @_force_option
 def export(file: Path, target: Path | None, force: bool) -> None:
@@ -716,7 +744,7 @@ def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
 @click.argument("cases", nargs=-1, metavar="[CASE]...")
 @click.option("--long", is_flag=True, help="More steps, more floes, wider ranges; minutes.")
 @click.option(
-    "--save", "target", type=click.Path(path_type=Path), metavar="FILE.json",
+    "--save", "target", type=_PATH, metavar="FILE.json",
     help="Write what was measured as JSON, too.",
 )  # fmt: skip
 @_force_option
@@ -791,7 +819,7 @@ def _ensemble_options(function: Callable) -> Callable:
         [
             click.option("--seeds", type=click.IntRange(1), help="Number of seeds of each point."),
             click.option(
-                "--save", type=click.Path(path_type=Path), metavar="FILE",
+                "--save", type=_PATH, metavar="FILE",
                 help="NetCDF file to make; finished members are kept beside it and not run again.",
             ),
             click.option(

@@ -97,7 +97,7 @@ class Clock:
     def _check_calendar(self, wanted: Calendar | None, where: str) -> None:
         kind = self._dates.dtype.kind
         own = "standard" if kind == "M" else self._dates[0].calendar if kind == "O" else None
-        if None not in (own, wanted) and _ALIKE.get(own, own) != _ALIKE.get(wanted, wanted):
+        if None not in (own, wanted) and not same_calendar(own, wanted):
             raise InputError(
                 f"{where}: its dates are of the calendar {own!r}, but calendar = {wanted!r}: must be the same;"
                 " leave calendar out to read the dates of each file in its own"
@@ -177,6 +177,11 @@ class Clock:
             f" (t = {self.seconds[0]:g} … {self.seconds[-1]:g} s, {self.seconds.size} records)"
         )
         return text if self.beyond_span == "error" else f"{text}, then {self.beyond_span}"
+
+
+def same_calendar(one: str, other: str) -> bool:
+    """Whether two names of calendars are of one and the same."""
+    return _ALIKE.get(one, one) == _ALIKE.get(other, other)
 
 
 def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cftime.datetime:

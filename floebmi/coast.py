@@ -20,10 +20,12 @@ from numpy.typing import ArrayLike
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
-from floebmi.quantities import is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, unmasked
 
 if TYPE_CHECKING:
     import shapely
+
+    from floebmi.boundaries import Domain
 
 SPACING = 0.8  # of centres along the shore, in radii
 LINED = 1.1  # a place on the coastline is lined by a centre nearer than this, in radii
@@ -52,11 +54,13 @@ def from_land_fraction(
     radius: float,
     thickness: float = 10.0,
     threshold: float = 0.5,
+    period: tuple[float | None, float | None] = (None, None),
 ) -> Coast:
     """The coast where a gridded land fraction crosses a threshold.
 
     The outermost cells are continued outwards, so that the shore reaches the rim of the grid and
-    beyond it by one radius; no floes stand along the rim itself.
+    beyond it by one radius; no floes stand along the rim itself.  Along a period the cells of the
+    other side follow, so that land that ends at the seam has its shore there.
 
     Parameters
     ----------
@@ -67,6 +71,7 @@ def from_land_fraction(
     thickness : of these floes [m]; the stiffness of a contact follows the thinner of two floes, so
         it should be at least that of the thickest moving floe
     threshold : land fraction on the coastline
+    period : lengths along x and y [m] of a periodic domain that the grid goes round once, or None
 
     Raises
     ------
@@ -92,10 +97,11 @@ def from_land_fraction(
     _check_size(radius, thickness)
     x, y = _centres(x, y, fraction.shape)
     rim = _outline(*_extended(x, y, 0.0))
-    x, y = _extended(x, y, 4.0 * radius)
-    generator = contourpy.contour_generator(
-        x, y, np.pad(fraction, 1, mode="edge"), fill_type="OuterOffset"
-    )
+    x, y = _extended(x, y, 4.0 * radius, period)
+    for axis, length in enumerate(reversed(period)):
+        sides = [(1, 1) if k == axis else (0, 0) for k in (0, 1)]
+        fraction = np.pad(fraction, sides, mode="edge" if length is None else "wrap")
+    generator = contourpy.contour_generator(x, y, fraction, fill_type="OuterOffset")
     outlines, offsets = generator.filled(threshold, np.inf)
     pieces = []
     for points, offset in zip(outlines, offsets, strict=True):
@@ -154,8 +160,15 @@ def from_geojson(
     return _coast(land, radius, thickness)
 
 
-def land_geometry(polygons: Sequence[ArrayLike]) -> "shapely.Geometry":
+def land_geometry(
+    polygons: Sequence[ArrayLike], domain: "Domain | None" = None
+) -> "shapely.Geometry":
     """Rings as in `Coast.polygons` as one shapely geometry: land, less lakes, with their islands.
+
+    Parameters
+    ----------
+    polygons : rings as for `from_polygons`
+    domain : land that lies beyond one of its periodic edges is brought back across it, as floes are
 
     Raises
     ------
@@ -174,6 +187,10 @@ def land_geometry(polygons: Sequence[ArrayLike]) -> "shapely.Geometry":
         if not np.isfinite(points).all():
             row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
             raise InputError(f"polygon {number}, point {row} = {points[row]}; must be finite")
+        if (far := np.abs(points).max()) > FARTHEST:
+            raise InputError(
+                f"polygon {number}: a coordinate of {far:g} m; must be within {FARTHEST:g} m"
+            )
         ring = shapely.Polygon(points)
         if not ring.is_valid or ring.area == 0:
             raise InputError(
@@ -189,6 +206,54 @@ def land_geometry(polygons: Sequence[ArrayLike]) -> "shapely.Geometry":
     for level in range(int(depth.max()) + 1):
         here = shapely.union_all([ring for ring, d in zip(rings, depth, strict=True) if d == level])
         land = land.difference(here) if level % 2 else land.union(here)
+    return land if domain is None else _brought_back(land, domain)
+
+
+def within(coast: Coast, domain: "Domain") -> Coast:
+    """A coast whose land and floes are brought back across the periodic edges of a domain, for a part that has none."""
+    floes = coast.floes.copy()
+    floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
+    return Coast(floes, _rings(land_geometry(coast.polygons, domain)))
+
+
+def on_land(
+    polygons: Sequence[ArrayLike], x: ArrayLike, y: ArrayLike, domain: "Domain"
+) -> np.ndarray:
+    """Whether places, or their images in a periodic domain, lie on land: bool, of the shape of x.
+
+    Parameters
+    ----------
+    polygons, domain : as for `land_geometry`
+    x, y : [m]
+    """
+    import shapely
+
+    return shapely.contains_xy(land_geometry(polygons, domain), *domain.brought_back(x, y))
+
+
+def _brought_back(land: "shapely.Geometry", domain: "Domain") -> "shapely.Geometry":
+    """Land cut at the periodic edges of a domain, with what lies beyond them at its place inside."""
+    import shapely
+
+    for axis, length in enumerate(domain.period):
+        low, high = (domain.x, domain.y)[axis]
+        box = np.reshape(land.bounds, (2, 2))  # (west, south), (east, north)
+        if length is None or land.is_empty or (box[0, axis] >= low and box[1, axis] <= high):
+            continue
+        first = int(np.floor((low - box[1, axis]) / length)) + 1
+        last = int(np.ceil((high - box[0, axis]) / length)) - 1
+        pieces = []
+        for turn in range(first, last + 1):
+            window, by = box.copy(), np.zeros(2)
+            by[axis] = turn * length
+            window[:, axis] = np.array([low, high]) - by[axis]
+            pieces.append(
+                shapely.transform(land.intersection(shapely.box(*window.ravel())), by.__add__)
+            )
+        parts = shapely.get_parts(shapely.union_all(pieces))
+        land = shapely.union_all(
+            parts[shapely.area(parts) > 0]
+        )  # what only touches the edge is none
     return land
 
 
@@ -246,6 +311,8 @@ def read_features(
             "projection of the domain"
         )
     for name, geometry, _ in found:
+        if (far := np.abs(shapely.get_coordinates(geometry)).max()) > FARTHEST:
+            raise InputError(f"{name}: a coordinate of {far:g} m; must be within {FARTHEST:g} m")
         if not geometry.is_valid:
             reason = shapely.is_valid_reason(geometry)
             raise InputError(f"{name}: {reason}; must be a valid polygon")
@@ -294,13 +361,27 @@ def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.nda
     return tuple(np.meshgrid(*rows))
 
 
-def _extended(x: np.ndarray, y: np.ndarray, beyond: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres with a further line on each side, half a cell and `beyond` [m] outside them."""
+def _extended(
+    x: np.ndarray,
+    y: np.ndarray,
+    beyond: float,
+    period: tuple[float | None, float | None] = (None, None),
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres with a further line on each side, half a cell and `beyond` [m] outside them.
+
+    Along a period that line is the image of the line on the other side.
+    """
     for axis in (0, 1):
         x, y = np.moveaxis(x, axis, 0), np.moveaxis(y, axis, 0)
-        sides = []
+        sides, length = [], period[1 - axis]
         for first, second in ((0, 1), (-1, -2)):
             dx, dy = x[first] - x[second], y[first] - y[second]
+            if length is not None:
+                opposite = -1 - first
+                turn = np.copysign(length, (y, x)[axis][first] - (y, x)[axis][opposite])
+                by = turn if axis else 0.0, 0.0 if axis else turn
+                sides.append((x[opposite] + by[0], y[opposite] + by[1]))
+                continue
             factor = 0.5 + beyond / np.hypot(dx, dy)
             sides.append((x[first] + factor * dx, y[first] + factor * dy))
         x = np.concatenate([[sides[0][0]], x, [sides[1][0]]])

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from floebmi import __version__
 from floebmi.advance import Advance, Counters, State, draw_own
+from floebmi.agreement import named, of_grid, refuse_other, refuse_other_coast
 from floebmi.arrays import all_finite
 from floebmi.boundaries import (
     Domain,
@@ -347,6 +348,7 @@ class Model:
         self._seen = _Seen(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
         self._accepted = self._seen.floes
+        self._scene = self._must_agree()
         self._tables = self._allocate()  # of the forces at all floes
         self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
@@ -868,6 +870,7 @@ class Model:
         memory = s.memory.by_number(len(f))
         state: dict[str, object] = {
             "version": __version__,
+            "scene": self._scene,
             "time": self.time,
             "last_duration": self._last_duration,
             "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(
@@ -903,12 +906,20 @@ class Model:
     def restore(self, state: dict[str, object]) -> None:
         """Take up the state of a model of the same scene; then it goes on with the same bits.
 
+        Domain, grids with their dry cells, coast, and the kinds of laws, walls and inflows must be those of that model;
+        drag, forcing, step and threads may be others.  Another number of a contact law, of Coriolis, the density of the ice,
+        the load of a wall or an inflow branches the run off, with a warning.
+
         Raises
         ------
         InputError
-            if the state does not fit this model; the model is then as before.
+            if the state does not fit this model, with table and key; the model is then as before.
         """
-        expected = set(self.state())
+        expected, branched = set(self.state()), []
+        if "scene" in state:
+            branched = refuse_other(json.loads(self._scene), json.loads(str(state["scene"])))
+        else:  # of an older floebmi
+            expected.remove("scene")
         if expected - set(state) == {f"list_{name}" for name in Marks._fields}:
             raise InputError(
                 "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
@@ -928,7 +939,7 @@ class Model:
             raise InputError(
                 "restart: number of walls differs from the scene's, or an older floebmi wrote it"
             )
-        saved = walls_of_state(walls, np.asarray(state["walls"]), self.domain)
+        saved = walls_of_state(walls, np.asarray(state["walls"]))
 
         def of_floes(name: str) -> np.ndarray:
             return np.asarray(state[f"floes_{name}"])
@@ -944,6 +955,7 @@ class Model:
             **rotation,
         )
         floes.active[:] = of_floes("active").astype(bool)
+        refuse_other_coast(self.floes, floes, self.domain)
         for name in own(self.contact):
             floes.allow_own(name)
             setattr(floes, name, of_floes(name))
@@ -979,6 +991,24 @@ class Model:
         listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
         if len(listed.way):
             self._advance().list_again(listed)
+        if branched:
+            warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
+
+    def _must_agree(self) -> str:
+        """What this model has in common with those whose state it takes up, as JSON."""
+        rows = [*named("domain", self.domain), *of_grid("grid", self.grid)]
+        if self.atmosphere is not None:
+            rows += of_grid("atmosphere.grid", self.atmosphere.grid)
+        rows += named("contact", self.contact)
+        for force in self.forces:
+            if isinstance(force, Coriolis):
+                rows += named("coriolis", force)
+        rows.append(("ice.density", self.ice_density))
+        for k, wall in enumerate(self.walls):
+            rows += named(f"walls.{k}", wall)
+        for k, inflow in enumerate(self.inflow):
+            rows += [(f"inflow.{k}.edge", inflow.edge), *named(f"inflow.{k}.sizes", inflow.sizes)]
+        return json.dumps(dict(rows))
 
     # ---- in words ----------------------------------------------------------------------------------
 

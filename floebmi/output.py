@@ -80,7 +80,7 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
     """A name to write a file under, which takes its own name when it is whole.
 
     Another process may be making the same file: it has a name of its own, and the second to be whole does not
-    replace the first unasked.  An OSError that names no file gets the name of this one.
+    replace the first unasked.  An OSError that names no file, or that name, gets the name of this one.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
@@ -90,11 +90,33 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
         else:
             _rename(part, path)
     except OSError as error:
-        if error.errno is not None and error.filename is None:
+        if error.errno is not None and error.filename in (None, part, str(part)):
             error.filename = str(path)
         raise
     finally:
-        part.unlink(missing_ok=True)
+        if (
+            part.exists()
+        ):  # to take away what is not there is an error of its own on a disk that is read-only
+            part.unlink()
+
+
+@contextlib.contextmanager
+def new_file(part: Path) -> Iterator["Dataset"]:
+    """A new NetCDF file to write.
+
+    NetCDF says `Permission denied` whatever it is that it cannot make a file for, a full disk for one; the system
+    says what is true.
+    """
+    from netCDF4 import Dataset
+
+    try:
+        data = Dataset(part, "w")
+    except OSError:
+        with open(part, "wb", buffering=0) as file:
+            file.write(bytes(4096))
+        raise
+    with data:
+        yield data
 
 
 def _rename(part: Path, path: Path) -> None:
@@ -154,7 +176,7 @@ class _GrowingFile:
             raise InputError(f"{self.path}: frame at {time} s, but the last is at {self._last} s")
         with _told(self.path):
             if self._data is None:
-                with in_one_go(self.path, self._overwrite) as part, Dataset(part, "w") as data:
+                with in_one_go(self.path, self._overwrite) as part, new_file(part) as data:
                     yield data, 0
                 self._size = self._most = self.path.stat().st_size
                 self._data = Dataset(self.path, "a")
@@ -206,7 +228,7 @@ class GriddedWriter(_GrowingFile):
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
-        self._land = land_geometry(land)
+        self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "gridded")
         self._rows = _rows_of(model, names)
         self._before = model.time, _impulses(model)
@@ -301,7 +323,7 @@ class TrajectoryWriter(_GrowingFile):
         super().__init__(path, overwrite)
         self._clock = _time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
-        self._land = land_geometry(land)
+        self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "trajectories")
         self._attributes["featureType"] = "trajectory"
         constant = {"radius", "thickness", "motion"}
@@ -940,7 +962,6 @@ def save_restart(
     InputError
         for a value of another kind, or a missing folder.
     """
-    from netCDF4 import Dataset
 
     path = Path(path)
     _check_target(path, overwrite=True)
@@ -948,7 +969,7 @@ def save_restart(
     packed = {name: _pack(name, value) for name, value in flat.items()}
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
     with _told(path), in_one_go(path, overwrite=True) as part:
-        with Dataset(part, "w") as data:
+        with new_file(part) as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)
             data.checksum = _checksum(packed, told)

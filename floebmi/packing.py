@@ -26,7 +26,7 @@ from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
-from floebmi.quantities import is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, number_in, unmasked
 from floebmi.sampling import check_period
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
@@ -503,6 +503,7 @@ _FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + 
     "angle",
     "angular_velocity",
 )
+_FARTHEST = {"x": FARTHEST, "y": FARTHEST, "radius": FARTHEST, "area": FARTHEST**2}  # [m], [m²]
 
 
 def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict[str, np.ndarray]:
@@ -515,9 +516,11 @@ def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict
         for name in names:
             value = row.get(name)
             try:
-                number = float(value)  # type: ignore[arg-type]
+                number = number_in(value)
                 right = "must be a finite number"
-                if name in ("radius", "area", "thickness") and np.isfinite(number):
+                if np.isfinite(number) and abs(number) > _FARTHEST.get(name, np.inf):
+                    right = f"must be within {_FARTHEST[name]:g}"
+                elif name in ("radius", "area", "thickness") and np.isfinite(number):
                     right = "must be greater than 0" if number <= 0 else ""
                 elif np.isfinite(number):
                     right = ""
@@ -536,10 +539,12 @@ class _Barrier(NamedTuple):
     discs: np.ndarray
     geometry: object
     grid: Grid | None
+    domain: Domain
 
     def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether points lie on land."""
         inside = np.zeros(len(x), bool)
+        x, y = self.domain.brought_back(x, y)
         if self.geometry is not None:
             import shapely
 
@@ -570,7 +575,7 @@ def _barrier(
     if land is not None:
         import shapely
 
-        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land)
+        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land, domain)
         shapely.prepare(geometry)
         box = shapely.box(domain.x[0], domain.y[0], domain.x[1], domain.y[1])
         area += geometry.intersection(box).area
@@ -582,7 +587,7 @@ def _barrier(
         segments.append(_dry_edges(grid))
     if segments:
         fixed.append(_guards(np.concatenate(segments), domain, smallest))
-    return _Barrier(area, np.concatenate(fixed), geometry, grid)
+    return _Barrier(area, np.concatenate(fixed), geometry, grid, domain)
 
 
 def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray:

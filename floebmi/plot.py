@@ -40,6 +40,7 @@ TIME_WIDTH = 1.3  # inches for the time, to the right of the title
 LAND = "#b9ab8e"
 COAST = "#7d7159"
 INK = "#1d2b36"
+PLACES = ("x", "y", "longitude", "latitude")
 CONCENTRATION = ["#0c2c4c", "#1f5f8f", "#66a5c9", "#bfdcea", "#ffffff"]  # water to ice
 # Okabe and Ito's colours, which differ for all kinds of colour vision.  Named, and not C0, C1 …, which matplotlib
 # looks up when it draws, and then in the user's style
@@ -198,8 +199,10 @@ def field(
         view = _View(data, data, _length_unit(data), _Clock(data))
         label = _label(row.text, row.units)
         scale = _scale_of(row.name, values, limits)
+        some = bool(np.isfinite(values).any())
         title = str(getattr(data, "title", "")) if title is None else title
-        figure, axes = _canvas(view, size, title, _Bar(label, scale), arrows is not None)
+        bar = _Bar(label, scale) if some or limits is not None else None
+        figure, axes = _canvas(view, size, title, bar, arrows is not None)
         if not row.needs_ice:
             axes.set_facecolor(NOWHERE)
         _draw_cells(axes, view, data[row.file_name].dimensions[1:], values, scale)
@@ -209,6 +212,9 @@ def field(
         if arrows is not None:
             _draw_arrows(axes, view, arrows, k)
         _draw_scale_bar(axes, view)
+        if not some:
+            told = f"{row.text}: no values at this time"
+            axes.text(0.5, 0.5, told, ha="center", wrap=True, transform=axes.transAxes)
         axes.set_title(view.clock.text(k), loc="right", pad=7)
         return save(figure, to)
 
@@ -454,7 +460,7 @@ class _Bar(NamedTuple):
 def _scale_of(
     name: str, values: np.ndarray, limits: tuple[float, float] | None, whole: bool = False
 ) -> _Scale:
-    """A scale that fits the values; whole numbers get a colour each."""
+    """A scale that fits the values; whole numbers get a colour each, and places have no zero to show."""
     import matplotlib
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
 
@@ -470,7 +476,8 @@ def _scale_of(
         extend = "max" if top > 6 else "neither"
         norm = BoundaryNorm(levels, cmap.N, extend=extend)
         return _Scale(cmap, norm, extend, np.arange(min(top, 6) + 1))
-    signed = low < 0.0 < high
+    place = name in PLACES
+    signed = low < 0.0 < high and not place
     if limits is None:
         largest = float(np.percentile(np.abs(values), 99)) if values.size else 1.0
         most = max(abs(low), abs(high))
@@ -478,8 +485,9 @@ def _scale_of(
             largest = most or 1.0
         if signed:
             limits = -largest, largest
-        elif low > 0.5 * high and name != "speed":  # far from zero: show the differences
-            spread = 0.02 * high if high - low < 1e-6 * high else 0.0
+        elif place or (low > 0.5 * high and name != "speed"):  # far from zero: show the differences
+            most = max(abs(low), abs(high)) or 1.0
+            spread = 0.02 * most if high - low < 1e-6 * most else 0.0
             limits = low - spread, high + spread
         else:
             limits = (-largest, 0.0) if low < 0.0 else (0.0, largest)

@@ -18,6 +18,10 @@ PositiveFraction = Annotated[float, Gt(0), Le(1)]
 Count = Annotated[int, Ge(1)]
 PoissonRatio = Annotated[float, Ge(0), Le(0.5)]
 
+FARTHEST = (
+    1e9  # from (0, 0) [m]: beyond all maps of the Earth, and as far as numbers tell 0.1 µm apart
+)
+
 _BOUNDS = {
     Gt: ("gt", operator.gt, "greater than"),
     Ge: ("ge", operator.ge, "at least"),
@@ -77,6 +81,19 @@ def is_number(value: object) -> bool:
     array = np.asarray(value)
     real = array.ndim == 0 and array.dtype.kind in "iuf" and value is not np.ma.masked
     return real and bool(np.isfinite(array))
+
+
+def number_in(value: object) -> float:
+    """The number that a cell of a CSV file or a value of GeoJSON is.
+
+    Raises
+    ------
+    ValueError, TypeError
+        for what is none; Python would take `1_000` for a thousand, and true for 1.
+    """
+    if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
+        raise ValueError(value)
+    return float(value)  # type: ignore[arg-type]
 
 
 def words(law: tuple) -> str:

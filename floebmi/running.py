@@ -146,7 +146,7 @@ def run(
 
     Returns
     -------
-    Report : also when Ctrl-C stopped the run, then `finished` is False
+    Report : also when Ctrl-C, SIGTERM or SIGHUP stopped the run, then `finished` is False
 
     Raises
     ------
@@ -184,6 +184,9 @@ def run(
     files = [Path(path) for path in (gridded, trajectories) if path is not None]
     finished, first_steps = True, None
     kept, saved = model.state(), time.monotonic()
+    of_state = dict(attributes or {})
+    if reference is not None:
+        of_state |= {"start": reference, "calendar": calendar}
     with contextlib.ExitStack() as stack:
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(
@@ -218,18 +221,18 @@ def run(
                         drive.fill(model.time)
                         write()
                         if restart is not None and time.monotonic() - saved >= SAVED_EVERY:
-                            save_restart(restart, kept, attributes)
+                            save_restart(restart, kept, of_state)
                             saved = time.monotonic()
                 meter.update(model)
                 if interrupted and target < end:
                     finished = False
                     break
         except BaseException as error:
-            _save(restart, kept, attributes, error)
+            _save(restart, kept, of_state, error)
             raise
     if restart is not None:
         with clock.of("output"):
-            save_restart(restart, kept, attributes)
+            save_restart(restart, kept, of_state)
         files.append(Path(restart))
     return Report(
         finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,
@@ -377,7 +380,7 @@ class _Interrupt:
 
 @contextlib.contextmanager
 def _gentle_interrupt() -> Iterator[_Interrupt]:
-    """Ctrl-C and SIGTERM let the exchange at hand come to its end; a second one stops at once."""
+    """Ctrl-C, SIGTERM and SIGHUP let the exchange at hand come to its end; a second one stops at once."""
     interrupt = _Interrupt()
     if threading.current_thread() is not threading.main_thread():
         yield interrupt  # signals belong to the main thread
@@ -388,7 +391,11 @@ def _gentle_interrupt() -> Iterator[_Interrupt]:
             raise KeyboardInterrupt
         interrupt.asked = True
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    # Windows has no SIGHUP, and nohup has it ignored
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, ask) for number in numbers}
     try:
         yield interrupt
     finally:

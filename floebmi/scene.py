@@ -726,9 +726,11 @@ class Scene(Table):
         coast = None
         if self.coast is not None:
             with self.place("coast"):
-                coast = self._coast(self.coast, grid)
+                coast = self._coast(self.coast, grid, domain)
             if grid is not None:
-                grid = grid.with_wet(~_on_land(coast.polygons, grid))
+                from floebmi.coast import on_land
+
+                grid = grid.with_wet(~on_land(coast.polygons, grid.x, grid.y, domain))
         land = [] if coast is None else coast.polygons
         groups = []
         for k, group in enumerate(self.floes):
@@ -760,8 +762,7 @@ class Scene(Table):
         with self.place("inflow"):
             for inflow in model.inflow:
                 _check_open(inflow, domain, land)
-        if self.tilt is not None:
-            model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
+        self.tilt_sea(model)
         if self.ocean is not None:
             model.ocean.layer_thickness = self.ocean.layer_thickness
         with self.place("ocean"):
@@ -769,6 +770,11 @@ class Scene(Table):
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         return Built(model, ocean, atmosphere, land)
+
+    def tilt_sea(self, model: "Model") -> None:
+        """Give the ocean the slope of the scene; a state that is taken up has that of its own."""
+        if self.tilt is not None:
+            model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
 
     def contact_law(self) -> Contact | None:
         """The contact law that the scene lists, or None."""
@@ -838,7 +844,7 @@ class Scene(Table):
             return sizes_from_file(self._file.parent / table.file)
         return law_of(table, _SIZE_LAWS[table.distribution])
 
-    def _coast(self, table: CoastTable, grid: Grid | None) -> "Coast":
+    def _coast(self, table: CoastTable, grid: Grid | None, domain: Domain) -> "Coast":
         from floebmi import coast
 
         folder = self._file.parent
@@ -858,9 +864,15 @@ class Scene(Table):
             outside={"error": None, "land": 1.0, "water": 0.0}[table.outside],
         )  # fmt: skip
         shape = grid.shape
+        west, east, south, north = grid.bounds
+        # a grid that does not go round the period ends within it, and so does the land that it knows
+        period = tuple(
+            length if length is not None and math.isclose(length, extent) else None
+            for length, extent in zip(domain.period, (east - west, north - south), strict=True)
+        )
         return coast.from_land_fraction(
             grid.x.reshape(shape), grid.y.reshape(shape), land.reshape(shape),
-            table.radius, table.thickness,
+            table.radius, table.thickness, period=period,
         )  # fmt: skip
 
     def _arrange(
@@ -871,6 +883,16 @@ class Scene(Table):
         seed = getattr(group, "seed", None)
         seed = self.seed + k if seed is None else seed
         region = _region(domain, getattr(group, "x", None), getattr(group, "y", None))
+        if land is not None and region.period != domain.period:
+            from floebmi.coast import within
+
+            # one period from where the region begins: it may lie across the seam
+            spans = {
+                name: (low, low + length)
+                for name, (low, _), length in zip("xy", region[:2], domain.period, strict=True)
+                if length is not None
+            }
+            land = within(land, domain._replace(**spans))
         if isinstance(group, Scatter):
             if (group.concentration is None) == (group.count is None):
                 raise InputError("give either concentration or count")
@@ -990,22 +1012,13 @@ def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> N
     feeder = Feeder(inflow, domain)
     ends = np.full((2, 2), feeder.across(1e-3 * inflow.sizes.range[0]))  # the edge may be a shore
     ends[:, 1 - feeder.axis] = feeder.span
-    land = shapely.intersection(land_geometry(polygons), shapely.LineString(ends))
+    land = shapely.intersection(land_geometry(polygons, domain), shapely.LineString(ends))
     if land.length > 0:
         low, high = shapely.bounds(land).reshape(2, 2)[:, 1 - feeder.axis]
         raise InputError(
             f"land lies along the edge {inflow.edge} between {low:g} and {high:g} m; give open water as span, one "
             "table for each stretch"
         )
-
-
-def _on_land(polygons: list[np.ndarray], grid: Grid) -> np.ndarray:
-    """Whether the centre of each cell is on land."""
-    import shapely
-
-    from floebmi.coast import land_geometry
-
-    return shapely.contains_xy(land_geometry(polygons), grid.x, grid.y)
 
 
 def _listed(rows: list[OneFloe]) -> Floes:

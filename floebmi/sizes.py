@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Le, MinLen
 
 from floebmi.errors import InputError
-from floebmi.quantities import NonNegative, Positive, check
+from floebmi.quantities import NonNegative, Positive, check, number_in
 
 Exponent = Annotated[float, Ge(-20), Le(20)]
 
@@ -266,7 +266,7 @@ def from_file(path: str | Path) -> Histogram | Empirical:
                 raise InputError(
                     f"{path}: row {number}, column {name.strip()!r}: {text!r} must be a number"
                 )
-            columns[column].append(float(text))
+            columns[column].append(number_in(text))
     sizes: Histogram | Empirical
     if len(header) == 1:
         sizes = Empirical(tuple(columns[0]))
@@ -286,6 +286,6 @@ def from_file(path: str | Path) -> Histogram | Empirical:
 
 def _is_number(text: str) -> bool:
     try:
-        return math.isfinite(float(text))
+        return math.isfinite(number_in(text))
     except ValueError:
         return False

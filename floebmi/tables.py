@@ -253,7 +253,9 @@ def _discriminator(hint: Any) -> Any:
 
 
 def read_text(path: Path) -> str:
-    """The text of a scene file; InputError if it cannot be read."""
+    """The text of a scene file; InputError if it cannot be read, or is a pipe, which may never end."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: is no regular file; save what comes from there in one")
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:

@@ -275,6 +275,77 @@ def test_a_restart_file_of_another_scene_is_refused(cli, ran):
     assert f"--restart {ran / 'restart.nc'}: " in result.stderr
 
 
+@pytest.mark.parametrize(
+    "args", [["run", "two-floes", "--to"], ["scene", "two-floes", "--to"], ["plot"]]
+)
+def test_an_empty_path_is_not_the_folder_here(cli, tmp_path, args):
+    result = cli(*args, "")
+    assert result.exit_code == 2
+    assert "is empty; must be a path" in result.stderr and not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a pipe with a name, which Windows has not")
+def test_a_pipe_is_no_scene(tmp_path):
+    os.mkfifo(tmp_path / "scene.toml")
+    call = [sys.executable, "-m", "floebmi", "run", "scene.toml"]
+    done = subprocess.run(
+        call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert (
+        done.stderr
+        == "floebmi: scene.toml: is no regular file; save what comes from there in one\n"
+    )
+
+
+STARTED = """
+[domain]
+x = [0, 200]
+y = [0, 100]
+[floes]
+arrangement = "list"
+each = [{ x = 50, y = 50, radius = 10 }]
+[ocean]
+[tilt]
+slope = [1e-6, 0]
+[time]
+start = "1980-01-01"
+duration = 60
+[output]
+every = 30
+picture = false
+"""
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ("time.start=1980-01-02", "[time] start = 1980-01-02, the restart's is 1980-01-01; must be the same"),
+        ("time.calendar=noleap", "[time] calendar = noleap, the restart's is standard; must be the same"),
+    ],
+)  # fmt: skip
+def test_a_restart_at_another_date_is_refused(cli, tmp_path, change, said):
+    (tmp_path / "a.toml").write_text(STARTED)
+    assert cli("run", "a.toml", "--to", "first", "--quiet").exit_code == 0
+    on = ["run", "a.toml", "--restart", "first/restart.nc", "--duration", 90, "--quiet"]
+    result = cli(*on, "--set", change)
+    assert result.exit_code == 2
+    assert result.stderr.strip().endswith(f"--restart first/restart.nc: restart: {said}")
+    assert not (tmp_path / "a").exists()
+    # the same date in other words, and a scene that has lost its date
+    assert cli(*on, "--set", "time.start=1980-01-01T00:00").exit_code == 0
+    (tmp_path / "a.toml").write_text(STARTED.replace('start = "1980-01-01"', ""))
+    assert "[time] start = none, the restart's is 1980-01-01" in cli(*on, "--force").stderr
+
+
+def test_at_a_restart_the_tilt_of_the_scene_holds(cli, tmp_path):
+    (tmp_path / "a.toml").write_text(STARTED)
+    assert cli("run", "a.toml", "--to", "first", "--quiet").exit_code == 0
+    on = ["run", "a.toml", "--restart", "first/restart.nc", "--duration", 90, "--quiet"]
+    assert cli(*on, "--set", "tilt.slope=[2e-6, 0]").exit_code == 0
+    assert load_restart(tmp_path / "a" / "restart.nc")[0]["ocean_tilt_x"] == [2e-6]
+
+
 def _press_ctrl_c(monkeypatch):
     """As soon as the run has shown how far it is."""
     update = running._Meter.update

@@ -6,7 +6,15 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
-from floebmi.coast import Coast, from_geojson, from_land_fraction, from_polygons, land_geometry
+from floebmi.boundaries import Domain
+from floebmi.coast import (
+    Coast,
+    from_geojson,
+    from_land_fraction,
+    from_polygons,
+    land_geometry,
+    on_land,
+)
 from floebmi.errors import InputError
 from floebmi.floes import COAST
 
@@ -113,6 +121,29 @@ def test_land_that_overlaps_is_joined_and_its_inner_shore_is_gone():
     assert not ((abs(coast.floes.x - 750) < 300) & (abs(coast.floes.y - 500) < 400)).any()
 
 
+def test_land_is_brought_back_across_the_corner_of_a_periodic_domain():
+    everywhere = dict.fromkeys(("west", "east", "south", "north"), "periodic")
+    domain = Domain((0.0, 100.0), (50.0, 150.0), **everywhere)
+    isle = np.array([(2090.0, 140.0), (2120.0, 140.0), (2120.0, 165.0), (2090.0, 165.0)])
+    land = land_geometry([isle], domain)
+    assert land.bounds == (0.0, 50.0, 100.0, 150.0) and land.area == pytest.approx(30 * 25)
+    assert len(shapely.get_parts(land)) == 4
+    x, y = [5.0, 305.0, 95.0, 95.0, 50.0, 5.0], [60.0, -40.0, 60.0, 145.0, 145.0, 70.0]
+    assert on_land([isle], x, y, domain).tolist() == [True] * 4 + [False] * 2
+    # what only touches the seam is no land on the other side
+    touching = isle[[0, 1, 2]] - (2020.0, 45.0)
+    assert land_geometry([touching, isle], domain).area == pytest.approx(30 * 25 + 30 * 25 / 2)
+    assert {
+        part.geom_type for part in shapely.get_parts(land_geometry([touching, isle], domain))
+    } == {"Polygon"}
+    # land inside stays as it is, and so does all land where nothing is periodic
+    inside = isle - (2050.0, 50.0)
+    assert land_geometry([inside], domain).equals_exact(land_geometry([inside]))
+    assert (
+        land_geometry([isle], domain._replace(**dict.fromkeys(everywhere, "closed"))).area == 750.0
+    )
+
+
 def test_no_land_is_no_coast():
     assert len(from_polygons([], radius=10.0).floes) == 0
     water = from_land_fraction([0.0, 1.0, 2.0], [0.0, 1.0], np.zeros((2, 3)), radius=0.1)
@@ -126,6 +157,10 @@ def test_no_land_is_no_coast():
         ([[(0, 0), (1, 1), (1, 0), (0, 1)]], "polygon 0: Self-intersection"),
         ([[(0, 0), (1, 1), (2, 2)]], "polygon 0"),
         ([[(0, 0), (1, np.nan), (2, 2)]], "polygon 0, point 1"),
+        (
+            [SQUARE, np.array(SQUARE) * 1e200],
+            "polygon 1: a coordinate of 1e+203 m; must be within 1e+09 m",
+        ),
     ],
 )
 def test_a_polygon_that_is_none_is_refused_with_its_number(polygons, said):
@@ -160,6 +195,21 @@ def test_the_coast_from_a_land_fraction_is_its_contour_and_reaches_the_rim_of_th
     assert np.diff(np.sort(coast.floes.x)).max() <= 40.0
     # and no floes stand along the rim, where the grid ends and the land goes on
     assert coast.floes.y.min() > 400.0
+
+
+def test_along_a_period_a_land_fraction_goes_on_with_the_other_side():
+    x, y = 50 + 100.0 * np.arange(30), 50 + 100.0 * np.arange(20)
+    fraction = np.zeros((20, 30))
+    fraction[5:12, :3] = 0.8, 1.0, 1.0  # west of the seam there is water
+    domain = Domain((0.0, 3000.0), (0.0, 2000.0), west="periodic", east="periodic")
+    for places in ((x, y), np.meshgrid(x, y)):
+        coast = from_land_fraction(*places, fraction, 40.0, period=domain.period)
+        land = land_geometry(coast.polygons, domain)
+        assert land.bounds == pytest.approx((12.5, 500.0, 300.0, 1200.0))
+        assert (coast.floes.x - coast.floes.radius).min() == pytest.approx(12.5)
+    # negative control: without it, the land goes on beyond the rim, in what is water on the other side
+    coast = from_land_fraction(x, y, fraction, 40.0)
+    assert land_geometry(coast.polygons, domain).bounds[2] == 3000.0
 
 
 def test_edges_and_curvilinear_centres_give_the_same_coast_as_rows_of_centres():
@@ -237,6 +287,10 @@ def test_geojson_in_degrees_needs_a_projection(tmp_path):
         ("[1]", "must be GeoJSON"),
         ('{"type": "FeatureCollection", "features": []}', "holds no features"),
         ('{"type": "Point", "coordinates": [5000, 5000]}', "feature 0: Point; must be Polygon"),
+        (
+            '{"type": "Polygon", "coordinates": [[[0,0],[1e200,0],[0,999],[0,0]]]}',
+            "feature 0: a coordinate of 1e+200 m; must be within 1e+09 m",
+        ),
         ('{"type": "Polygon", "coordinates": []}', "feature 0: has no geometry"),
         ('{"type": "Feature", "geometry": null, "properties": {}}', "feature 0: has no geometry"),
         (

@@ -26,6 +26,7 @@ from landlab.components import COMPONENTS
 import coupling.landlab
 from coupling.landlab import FRACTION, THICKNESS, SeaIceFloes, cells_of
 from floebmi.boundaries import Domain
+from floebmi.coast import from_polygons
 from floebmi.errors import InputError
 from floebmi.floes import Floes
 from floebmi.forces import AirDrag, OceanDrag
@@ -245,6 +246,47 @@ def test_networks_and_globes_are_refused(grid):
 def test_a_grid_without_cells_is_refused():
     with pytest.raises(ValueError, match="RasterModelGrid: has no cells"):
         SeaIceFloes(RasterModelGrid((2, 2)))
+
+
+def test_looped_sides_are_periodic_for_floes(tmp_path):
+    def looped(up=False, aside=True):
+        grid = forced(RasterModelGrid((7, 12), xy_spacing=1000.0))
+        grid.set_looped_boundaries(up, aside)
+        return grid
+
+    floes = Floes([10300.0], [3000.0], [400.0], 1.0, u=[0.5])
+    ice = SeaIceFloes(looped(), floes=floes, edges="closed", forces=[OceanDrag(), AirDrag()])
+    edges = ice.model.domain[2:]
+    assert edges == ("periodic", "periodic", "closed", "closed")
+    ice.run_one_step(600.0)
+    assert ice.area_outside < 1e-6 and ice.ledger[-1].relative < 1e-12
+    at_cells = ice.grid.at_node[FRACTION].reshape(7, 12)[3]
+    assert at_cells[1] > 0.0  # it came in again
+    assert SeaIceFloes(looped(True, False)).model.domain.period == (None, 5000.0)
+
+    odd = RasterModelGrid((7, 12), xy_spacing=1000.0)
+    odd.status_at_node[12] = odd.BC_NODE_IS_LOOPED
+    wide, open_ = (
+        Domain((500, east), (500, 5500), west, west)
+        for east, west in ((20500, "periodic"), (10500, "closed"))
+    )
+    (tmp_path / "two.toml").write_text("[domain]\nx = [500, 10500]\ny = [500, 5500]\n[ocean]\n")
+    for call, text in (
+        (lambda: SeaIceFloes(odd), "RasterModelGrid: has looped nodes that are not two whole sides"),
+        (lambda: SeaIceFloes(looped(), domain=open_), "looped along x, but domain.x = .500, 10500. is not periodic over 10000 m"),
+        (lambda: SeaIceFloes(looped(), domain=wide), "looped along x, but domain.x = .500, 20500. is not"),
+        (lambda: SeaIceFloes(looped(), scene=tmp_path / "two.toml"), "the grid is looped along x"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=text):
+            call()
+
+
+def test_nodes_on_land_beyond_a_periodic_edge_are_dry():
+    grid = RasterModelGrid((7, 12), xy_spacing=1000.0)  # the cells go from 500 to 10500 m
+    ring = [(9000.0, 1000.0), (11600.0, 1000.0), (11600.0, 5000.0), (9000.0, 5000.0)]
+    ice = SeaIceFloes(grid, coast=from_polygons([ring], 200.0), edges="periodic")
+    wet = ice.model.grid.wet.reshape(5, 10)
+    assert wet[1].tolist() == [False] + [True] * 8 + [False]
 
 
 # ---- fields -----------------------------------------------------------------------------------------

@@ -7,10 +7,18 @@ import pytest
 from floebmi import dynamics
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Inflow, Wall
-from floebmi.contact import Contact, cohesive, frictional, prepare
+from floebmi.contact import (
+    Contact,
+    Coulomb,
+    Elastic,
+    Restitution,
+    cohesive,
+    frictional,
+    prepare,
+)
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import Floes
+from floebmi.floes import COAST, Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     AirDrag,
@@ -25,7 +33,7 @@ from floebmi.kernels import FASTMATH
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
 from floebmi.pack import pack
-from floebmi.sizes import PowerLaw
+from floebmi.sizes import PowerLaw, SingleSize
 
 DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
 
@@ -244,6 +252,95 @@ def test_a_part_of_another_kind_is_refused_by_its_name(part, said):
         Model(**parts)
 
 
+def scene_of_a_restart(**other):
+    """A model of which each part but the floes may be another."""
+    floes = Floes([0.0, 20.5], 0.0, 10.0, 1.0)
+    shore = Floes(
+        [-100.0, 90.0], [50.0, 50.0], other.pop("radius", 5.0), other.pop("hard", 3.0), motion=COAST
+    )
+    if other.pop("bare", False):
+        shore = Floes([], [], [], [])
+    parts = dict(
+        domain=DOMAIN._replace(north="closed", west="periodic", east="periodic"),
+        contact=Contact(friction=Coulomb(0.3)),
+        forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)],
+        grid=Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(3, 4)),
+        atmosphere_grid=Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(2, 2)),
+        walls=[Wall("south", velocity=-0.01)],
+    )
+    return Model(floes=Floes.concatenate([floes, shore]), **(parts | other))
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"domain": DOMAIN._replace(y=(-100.0, 120.0), north="closed", west="periodic", east="periodic")},
+         "[domain] y = [-100.0, 120.0], the restart's is [-100.0, 100.0]; must be the same"),
+        ({"domain": DOMAIN._replace(west="periodic", east="periodic")}, "[domain] north = inactive, the restart's is closed"),
+        ({"grid": Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(4, 3))}, "[grid] shape = [4, 3], the restart's is [3, 4]"),
+        ({"grid": Grid.rectilinear([-100, 0, 10, 20, 100], [-100, 0, 50, 100])}, "[grid] corners are others"),
+        ({"grid": Grid.uniform(DOMAIN.x, (-90, 100), shape=(3, 4))}, "[grid] bounds = "),
+        ({"grid": Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(3, 4), wet=[False] + 11 * [True])}, "[grid] wet are others"),
+        ({"atmosphere_grid": Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(1, 4))}, "[atmosphere] grid.shape = [1, 4]"),
+        ({"contact": cohesive()}, "[contact] friction = none, the restart's is Coulomb"),
+        ({"contact": Contact(friction=Coulomb(0.3), dashpot=Restitution(0.5))}, "[contact] dashpot = Restitution"),
+        ({"forces": [OceanDrag(), AirDrag()]}, "[coriolis] = none, the restart's is Coriolis"),
+        ({"walls": []}, "[walls] 0 = none, the restart's is Wall"),
+        ({"inflow": Inflow("south", SingleSize(3.0))}, "[inflow] 0.edge = south, the restart's is none"),
+        ({"bare": True}, "[coast] has 0 pieces, the restart's 2; must be the same land and radius"),
+        ({"radius": 6.0}, "[coast] has a piece of radius 6 m, the restart's is 5 m"),
+        ({"hard": 4.0}, "[coast] has a piece of thickness 4 m, the restart's is 3 m"),
+    ],
+)  # fmt: skip
+def test_a_state_of_another_scene_is_refused_with_table_and_key(other, said):
+    state = scene_of_a_restart().state()
+    model = scene_of_a_restart(**other)
+    with pytest.raises(InputError) as error:
+        model.restore(state)
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"contact": Contact(friction=Coulomb(0.4))}, "[contact] friction.coefficient = 0.4, the restart's is 0.3"),
+        ({"contact": Contact(Elastic(1e7), Coulomb(0.3))}, "[contact] elastic.youngs_modulus = 10000000.0, the restart's is 20000000.0"),
+        ({"forces": [OceanDrag(), AirDrag(), Coriolis(1.2e-4)]}, "[coriolis] parameter = 0.00012, the restart's is 0.0001"),
+        ({"ice_density": 900.0}, "[ice] density = 900.0, the restart's is 934.0"),
+        ({"walls": [Wall("south", velocity=-0.02)]}, "[walls] 0.velocity = -0.02, the restart's is -0.01"),
+    ],
+)  # fmt: skip
+def test_another_number_of_a_law_branches_a_run_off_with_a_warning(other, said):
+    first = scene_of_a_restart()
+    first.advance(1.0)
+    model = scene_of_a_restart(**other)
+    with pytest.warns(UserWarning) as told:
+        model.restore(first.state())
+    assert [str(one.message) for one in told] == [f"restart: goes on with {said}"]
+    model.advance(1.0)
+    for quantity in ("mass", "momentum_x", "momentum_y", "energy"):
+        assert model.ledger.balance(quantity).relative < 1e-6
+
+
+def test_a_state_may_go_on_with_other_drag_steps_and_threads_and_in_files_of_before():
+    first = scene_of_a_restart()
+    first.advance(1.0)
+    state = first.state()
+    others = dict(
+        forces=[OceanDrag(horizontal=1e-3), AirDrag(), Coriolis(1e-4)], step=Step(fraction=0.1), threads=2,
+        sampling="centre", draft_fraction=0.8, seed=3,
+    )  # fmt: skip
+    model = scene_of_a_restart(**others)
+    model.restore(state)
+    model.advance(1.0)
+    del state["scene"]  # as before states said what they are of
+    model = scene_of_a_restart()
+    model.restore(state)
+    assert model.time == 1.0
+    with pytest.raises(InputError, match=r"\[coast\] has a piece of radius"):
+        scene_of_a_restart(radius=6.0).restore(state)
+
+
 def test_no_time_changes_nothing_and_any_time_is_met_exactly():
     model = pair(contact=frictional(), forces=[OceanDrag()])
     before = model.state()
@@ -343,7 +440,7 @@ def test_momentum_closes_on_every_grid_with_land(kind, sampling):
 def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
     model, other = pair(contact=Contact()), pair(contact=frictional())
     before = model.floes.x.copy()
-    with pytest.raises(InputError, match="does not fit this scene"):
+    with pytest.raises(InputError, match="restart: .contact. friction = none"):
         model.restore(other.state())
     assert np.array_equal(model.floes.x, before)
 

@@ -206,6 +206,17 @@ def test_floes_keep_clear_of_land_and_of_the_coast_that_lines_it(concentration):
     assert shapely.contains_xy(land, bare.x, bare.y).any()
 
 
+@pytest.mark.parametrize("away", [0.0, 1000.0, -3000.0])  # over the seam, and periods away from it
+def test_land_beyond_a_periodic_edge_is_land_on_the_other_side(away):
+    ring = np.array([(800.0, 300.0), (1300.0, 300.0), (1300.0, 700.0), (800.0, 700.0)])
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0), west="periodic", east="periodic")
+    floes = scatter(domain, SingleSize(20.0), 0.5, seed=1, land=[ring + (away, 0.0)])
+    both = shapely.MultiPolygon([shapely.Polygon(ring), shapely.Polygon(ring - (1000.0, 0.0))])
+    clear = shapely.distance(both, shapely.points(floes.x, floes.y)) - floes.radius
+    assert clear.min() > 0.0
+    assert floes.area.sum() / (1e6 - 500.0 * 400.0) == pytest.approx(0.5, rel=0.005)
+
+
 def test_land_may_be_rings_or_the_dry_cells_of_a_grid():
     domain = Domain((0.0, 1000.0), (0.0, 1000.0))
     wet = np.ones((10, 10), bool)
@@ -514,6 +525,12 @@ def test_a_csv_file_gives_its_floes_in_any_order_and_case_of_columns(tmp_path):
         ("x,y,radius,thickness\n0,zero,10,1\n", "row 2, column 'y': 'zero' must be a number"),
         ("x,y,radius,thickness\n0,nan,10,1\n", "row 2, column 'y': 'nan' must be a finite number"),
         ("x,y,radius,thickness\n\n0,0,9,1\n\n0,zero,10,1\n", "row 5, column 'y': 'zero'"),
+        ("x,y,radius,thickness\n1_000,0,10,1\n", "row 2, column 'x': '1_000' must be a number"),
+        (
+            "x,y,radius,thickness\n0,-1e200,10,1\n",
+            "row 2, column 'y': '-1e200' must be within 1e+09",
+        ),
+        ("x,y,area,thickness\n0,0,1e200,1\n", "row 2, column 'area': '1e200' must be within 1e+18"),
         ("x,y,radius,thickness\n0,0,10\n", "row 2 has 3 values; must be 4"),
         ("x,y,radius,thickness\n0,0,10,\n", "row 2, column 'thickness': '' must be a number"),
         ("x,yy,radius,thickness\n0,0,10,1\n", "has no column 'y'; allowed"),
@@ -599,6 +616,12 @@ def test_a_polygon_that_crosses_itself_is_no_floe(tmp_path):
     "geometry, properties, said",
     [
         ([5000, 0], {"radius": -1}, "feature 0, column 'radius': -1 must be greater than 0"),
+        ([5000, 0], {"radius": True}, "feature 0, column 'radius': True must be a number"),
+        (
+            [5000, 1e200],
+            {"radius": 1},
+            "feature 0: a coordinate of 1e+200 m; must be within 1e+09 m",
+        ),
         ([5000, 0], {}, "must have a column 'radius' or 'area'"),
         ([5000, 0], {"radius": 1, "x": 3}, "property 'x' or 'y' beside a geometry"),
     ],

@@ -13,7 +13,16 @@ from matplotlib.text import Text
 from netCDF4 import Dataset
 from small_run import DOMAIN, GRIDS, LAND, small_model, small_run
 
-from floebmi import Domain, Floes, InputError, Model, Wall, frictional, plot as draw
+from floebmi import (
+    Domain,
+    Floes,
+    InputError,
+    Model,
+    OceanDrag,
+    Wall,
+    frictional,
+    plot as draw,
+)
 from floebmi.floes import COAST
 from floebmi.output import TrajectoryWriter
 from floebmi.running import run as run_model
@@ -119,6 +128,29 @@ def test_a_scale_cuts_off_what_stands_out_and_nothing_else(tmp_path):
             writer.write(model)
         clim = draw.frame(path).axes[0].collections[-1].get_clim()
         assert clim == (0.0, end)
+
+
+def test_the_scale_of_a_place_is_where_the_floes_are(tmp_path):
+    domain = Domain((-400e3, 400e3), (-3e6, -2e6))
+    floes = Floes([-300e3, 350e3, 10e3], [-2.9e6, -2.1e6, -2.5e6], 5e3, 1.0)
+    path = written(tmp_path, domain, floes, projection="EPSG:3413")  # about 45 degrees west
+    with Dataset(path) as data:
+        for name in ("x", "y", "longitude", "latitude"):
+            ends = data[name][:].min(), data[name][:].max()
+            circles = draw.frame(path, color=name).axes[0].collections[-1]
+            assert circles.get_clim() == pytest.approx(ends), name
+            assert circles.get_cmap().name == "viridis"
+
+
+def test_a_map_without_values_has_no_colour_bar_and_says_so(tmp_path):
+    model = Model(DOMAIN, Floes([], [], [], []), frictional(), [OceanDrag()], GRIDS["uniform"]())
+    gridded, _, _ = small_run(tmp_path, model, frames=1)
+    figure = draw.field(gridded, "thickness")
+    assert len(figure.axes) == 1
+    said = [text.get_text() for text in figure.findobj(Text)]
+    assert any(text.endswith(": no values at this time") for text in said)
+    assert len(draw.field(gridded, "area_fraction").axes) == 2
+    assert len(draw.field(gridded, "thickness", limits=(0.0, 1.0)).axes) == 2
 
 
 def test_a_title_is_cut_into_lines_of_about_the_same_length(run):

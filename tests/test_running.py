@@ -202,32 +202,46 @@ def test_a_run_that_leaves_its_bounds_stops_with_one_line_and_its_last_good_stat
 
 
 class Interrupts(Ramp):
-    """Presses Ctrl-C in the middle of a run, once or twice."""
+    """Presses Ctrl-C in the middle of a run, once or twice, or sends another signal."""
 
-    def __init__(self, times):
+    def __init__(self, times, number=signal.SIGINT):
         super().__init__()
-        self.presses = times
+        self.presses, self.number = times, number
 
     def fill(self, t, u, v):
         super().fill(t, u, v)
         if t > 30.0 and self.presses:
             self.presses -= 1
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), self.number)
 
 
-def test_ctrl_c_ends_a_run_after_its_exchange_with_files_and_a_state(tmp_path):
+STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+@pytest.mark.parametrize("number", STOPS)
+def test_a_stop_ends_a_run_after_its_exchange_with_files_and_a_state(tmp_path, number):
     model = drifting(u=0.5)
-    before = signal.getsignal(signal.SIGINT)
+    before = signal.getsignal(number)
     report = run(
-        model, 1000.0, ocean=Interrupts(1), exchange=10.0, every=100.0,
+        model, 1000.0, ocean=Interrupts(1, number), exchange=10.0, every=100.0,
         trajectories=tmp_path / "floes.nc", restart=tmp_path / "restart.nc",
     )  # fmt: skip
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(number) is before
     assert not report.finished
     assert report.end == model.time == 40.0
     with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
         assert data.time.values.tolist() == [0.0, 40.0]
     assert load_restart(tmp_path / "restart.nc")[0]["time"] == 40.0
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
+def test_under_nohup_a_run_does_not_end_with_its_terminal():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        report = run(drifting(), 100.0, ocean=Interrupts(1, signal.SIGHUP), every=10.0)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert report.finished
 
 
 def test_a_second_ctrl_c_ends_a_run_at_once_and_still_saves_a_state(tmp_path):

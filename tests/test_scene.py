@@ -417,6 +417,91 @@ concentration = 0.3
     assert len(built.land) == 1
 
 
+def test_land_over_a_periodic_seam_makes_cells_on_both_sides_dry_and_closes_both_to_an_inflow(
+    write,
+):
+    ring = [[800, 0], [1200, 0], [1200, 1000], [800, 1000], [800, 0]]
+    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
+    path = write(
+        """
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+west = "periodic"
+east = "periodic"
+[grid]
+x = [-500, 500]
+shape = [10, 10]
+[coast]
+geojson = "land.geojson"
+radius = 20
+[inflow]
+edge = "south"
+sizes = { distribution = "single", radius = 20 }
+span = [100, 700]
+"""
+    )
+    assert "land lies along the edge south between 100 and 200 m" in refused(path)
+    wet = read_scene(path, ["inflow.span=[200, 800]"]).build().model.grid.wet.reshape(10, 10)
+    assert wet[0].tolist() == [True] * 3 + [False] * 4 + [True] * 3
+
+
+@pytest.mark.parametrize("west, east", [(0, 500), (900, 1900)])
+def test_floes_in_part_of_a_periodic_domain_keep_clear_of_land_beyond_its_seam(write, west, east):
+    ring = [[800, 200], [1200, 200], [1200, 800], [800, 800], [800, 200]]
+    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
+    path = write(
+        """
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+west = "periodic"
+east = "periodic"
+[coast]
+geojson = "land.geojson"
+radius = 20
+[floes]
+x = [0, 1]
+size = { distribution = "single", radius = 20 }
+concentration = 0.5
+"""
+    )
+    floes = read_scene(path, [f"floes.x=[{west}, {east}]"]).build().model.floes
+    ice = floes.motion == 0
+    beside = (floes.x % 1000)[ice & (abs(floes.y - 500) < 300)]
+    assert beside.min() >= 220.0 and beside.max() <= 780.0
+    wet = (east - west) * 1000 - (200 if west == 0 else 400) * 600
+    assert floes.area[ice].sum() == pytest.approx(0.5 * wet, rel=0.005)
+
+
+def test_a_land_fraction_on_a_grid_round_the_period_goes_on_at_the_other_side(write):
+    xr = pytest.importorskip("xarray")
+    land = np.zeros((10, 10))
+    land[:, :2] = 1.0
+    x = 50 + 100.0 * np.arange(10)
+    data = xr.Dataset({"land": (("y", "x"), land)}, {"x": ("x", x), "y": ("y", x)})
+    data.land.attrs = {"standard_name": "land_area_fraction", "units": "1"}
+    for name in "xy":
+        data[name].attrs = {"standard_name": f"projection_{name}_coordinate", "units": "m"}
+    path = write(
+        """
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+west = "periodic"
+east = "periodic"
+[grid]
+spacing = 100
+[coast]
+file = "land.nc"
+radius = 60
+"""
+    )
+    data.to_netcdf(path.parent / "land.nc")
+    wet = read_scene(path).build().model.grid.wet.reshape(10, 10)
+    assert wet[0].tolist() == [False] * 2 + [True] * 8
+
+
 @pytest.mark.parametrize("west", [-100, 0])  # beyond the edge, and up to it
 def test_floes_do_not_come_in_over_land(write, west):
     ring = [[west, 300], [400, 300], [400, 700], [west, 700], [west, 300]]

@@ -143,6 +143,7 @@ def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
     "text, said",
     [
         ("radius\n10\nten\n", "row 3, column 'radius': 'ten' must be a number"),
+        ("radius\n1_0\n", "row 2, column 'radius': '1_0' must be a number"),
         ("10\n20\n", "row 1 = '10'; must be a header"),
         ("radius\n-1\n", "radii[0] = -1 m; must be greater than 0"),
         ("edge,count\n10,3\n20,1\n", "row 3, column 'count': 1 must be 0 or empty"),

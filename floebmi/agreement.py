@@ -1,0 +1,110 @@
+"""What a model must have in common with the one whose state it takes up.
+
+A state is of one scene: its forces stand in the cells of one grid, its contacts remember what one kind of law asks for,
+its floes lie in one domain.  So those go with it, as named numbers, and a restart compares them.  Another number in a
+law is a branch of the run: the state is whole, and what its energy or mass changes by is booked as an edit.  It is
+told, though, since it may be a slip.  Forcing, the step and what is written may be others.
+"""
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from floebmi.boundaries import Domain
+from floebmi.errors import InputError
+from floebmi.floes import LAND, Floes
+from floebmi.grid import Grid
+
+_SAME = 1e-9  # relative difference of numbers that rounding may make on another machine
+_LAWS = "contact", "coriolis", "ice", "walls", "inflow"  # tables in which a number may be another
+
+
+def named(name: str, value: object) -> Iterator[tuple[str, object]]:
+    """A law, or what else is a tuple with names, in rows of (dotted name, number or text)."""
+    if hasattr(value, "_asdict"):
+        yield name, type(value).__name__
+        for part, inner in value._asdict().items():
+            yield from named(f"{name}.{part}", inner)
+    else:
+        is_array = isinstance(value, tuple | np.ndarray | np.generic)
+        yield name, np.asarray(value).tolist() if is_array else value
+
+
+def of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
+    """Rows of a grid: its shape, where it is, and digests of its corners and of its wet cells."""
+    west, east, south, north = (float(bound) for bound in grid.bounds)
+    # as shares of the whole in integers: the same after rounding
+    x, y = (grid.node_x - west) / (east - west), (grid.node_y - south) / (north - south)
+    corners = [np.rint(2.0**24 * place).astype(np.int32) for place in (x, y)]
+    yield f"{name}.shape", list(grid.shape)
+    yield f"{name}.bounds", [west, east, south, north]
+    yield f"{name}.corners", _digest(*corners, grid.face_nodes)
+    yield f"{name}.wet", _digest(np.packbits(grid.wet))
+
+
+def refuse_other(mine: Mapping[str, object], theirs: Mapping[str, object]) -> list[str]:
+    """InputError with the table and key of the first row that differs; other numbers of laws are returned, in words."""
+    branched = []
+    for name in dict.fromkeys([*mine, *theirs]):
+        here, there = mine.get(name), theirs.get(name)
+        if _alike(here, there):
+            continue
+        table, _, key = name.partition(".")
+        if key in ("corners", "wet", "grid.corners", "grid.wet"):
+            values = " are others than the restart's"
+        else:
+            values = f" = {_text(here)}, the restart's is {_text(there)}"
+        words = f"[{table}]{key and f' {key}'}{values}"
+        places = key.endswith(".position")  # of a wall: the state says where it is
+        if table in _LAWS and _is_number(here) and _is_number(there) and not places:
+            branched.append(words)
+        else:
+            raise InputError(f"restart: {words}; must be the same")
+    return branched
+
+
+def refuse_other_coast(mine: Floes, theirs: Floes, domain: Domain) -> None:
+    """InputError if the pieces of coast of two packs are not the same, wherever a period puts them."""
+    here, there = (np.flatnonzero(floes.motion & LAND) for floes in (mine, theirs))
+    if len(here) != len(there):
+        raise InputError(
+            f"restart: [coast] has {len(here)} pieces, the restart's {len(there)}; must be the same land and radius"
+        )
+    for name, length in zip(
+        ("radius", "thickness", "x", "y"), (None, None, *domain.period), strict=True
+    ):
+        one, other = getattr(mine, name)[here], getattr(theirs, name)[there]
+        apart = other - one
+        if length is not None:
+            apart -= length * np.rint(apart / length)
+        wrong = np.abs(apart) > 1e-6 * mine.radius[here] + _SAME * np.abs(one)
+        if wrong.any():
+            k = int(wrong.argmax())
+            raise InputError(
+                f"restart: [coast] has a piece of {name} {one[k]:g} m, the restart's is {other[k]:g} m; must be the same"
+            )
+
+
+def _digest(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _alike(one: object, other: object) -> bool:
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return math.isclose(one, other, rel_tol=_SAME) or (one != one and other != other)
+    return one == other
+
+
+def _is_number(value: object) -> bool:
+    return value is None or isinstance(value, int | float)
+
+
+def _text(value: object) -> str:
+    return "none" if value is None else value if isinstance(value, str) else repr(value)
