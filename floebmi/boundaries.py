@@ -113,7 +113,7 @@ class Inflow(NamedTuple):
     edge : "west", "east", "south" or "north"
     sizes : a size distribution
     thickness : of a new floe [m]
-    velocity : of a new floe [m/s]
+    velocity : of a new floe [m/s], not outwards
     span : stretch of the edge that is open, coordinates along it [m]; all of it if not given
     """
 
@@ -276,6 +276,10 @@ class Feeder:
         check_sizes(inflow.sizes)
         self.inflow, self.domain = inflow, domain
         self.axis = _AXIS[inflow.edge]
+        if _SIDE[inflow.edge] * inflow.velocity[self.axis] < 0.0:
+            raise InputError(
+                f"inflow.velocity = {inflow.velocity}: points out of the domain at its {inflow.edge} edge; must point in"
+            )
         edge = (domain.y, domain.x)[self.axis]
         along = edge if inflow.span is None else inflow.span
         self.span = float(along[0]), float(along[1])

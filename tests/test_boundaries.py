@@ -283,6 +283,10 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(walls=[Wall("west", normal_stress=1e3, damping=-1.0)]), "Wall.damping"),
         (dict(inflow=Inflow("west", SingleSize(5.0), thickness=-1.0)), "Inflow.thickness"),
         (dict(inflow=Inflow("west", SingleSize(5.0), velocity=(np.nan, 0.0))), "Inflow.velocity"),
+        (
+            dict(inflow=Inflow("north", SingleSize(5.0), velocity=(0.0, 0.1))),
+            "out of the domain at its north edge",
+        ),
         (dict(step=Step(epsilon=-1.0)), "Step.epsilon"),
         (dict(step=Step(length=0.0)), "Step.length"),
         (dict(step=Step(fraction=1.5)), "Step.fraction"),
