@@ -147,8 +147,8 @@ class Fluid:
     last_x, last_y : the part of it from the last exchange [N s]
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
         of the ocean, else None
-    coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]; of the ocean, else
-        None
+    coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area of drags K |Δu| Δu, as the last
+        exchange ended, in the water that it read [kg m-2 s-1]; of the ocean, else None
     undelivered : impulse (x, y) that found no wet cell [N s]
     layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
         when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None

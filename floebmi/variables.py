@@ -73,6 +73,7 @@ _ON_ICE = "by air on ice: positive accelerates the ice along +{a}"
 _ALONG = "positive along +{a}"
 _HOST = "once the host or a forcing sets it; {before} until then"
 _EXCHANGE = "after the first update, 0 before: mean over the last exchange interval"
+_ENDED = "after the first update, 0 before: as the last exchange ended, in the water that it read"
 _RUNNING = "from the start, where it is 0; never reset"
 _OVER_FRAMES = "area: mean time: mean"  # in a file: the mean since the last frame
 _OVER_EXCHANGE = "area: mean time: mean (over the last exchange interval)"
@@ -262,7 +263,7 @@ _STRESSES = (
         "sea_ice_bottom_water_flowing__time_average_of_magnitude_of_stress",
         None,
         "Pa",
-        "mean over time of the magnitude of the ice-ocean stress, per cell area",
+        "magnitude of each floe's mean stress on the ocean in an exchange, summed per cell area",
         valid=_EXCHANGE,
         mean=_OVER_EXCHANGE,
     ),
@@ -273,8 +274,7 @@ _STRESSES = (
         "kg m-2 s-1",
         "linear coefficient of the ice-ocean stress, per cell area",
         "stress on ocean = coefficient × (ice velocity − ocean velocity)",
-        valid=_EXCHANGE,
-        mean=_OVER_EXCHANGE,
+        valid=_ENDED,
     ),
     *_vectors(
         [
