@@ -511,11 +511,11 @@ class Model:
         ------
         InputError
             for a duration that is negative or not finite, for a NaN in a wet cell of a fluid or a velocity of
-            1000 m/s or more, and for floes that an edit has put onto each other.
+            1000 m/s or more, and for floes that an edit has put onto each other or over a wall.
         StabilityError
-            if floes leave what the step resolves: a floe moves more than half its radius in a step or
-            overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
-            comes from nowhere.
+            if floes leave what the step resolves: a floe moves more than half its radius in a step, overlaps another
+            by more than the smaller radius or has its centre behind a wall, a number is no longer finite, 1e12 steps
+            would not do, or a tenth of the energy comes from nowhere.
 
         After an error the model is as it was before.
         """
