@@ -269,6 +269,13 @@ class Model:
     atmosphere_grid : grid of the wind, if it is another one
     threads : that may share the steps of a large pack (from 50 000 floes on); the bits are the same for any number
 
+    Attributes
+    ----------
+    time : since the start [s]
+    domain, floes, contact, forces, grid : as given
+    ocean, atmosphere : `Fluid`, velocities that drive the ice and the impulse that they get back; None where no force
+        reads them
+
     Raises
     ------
     InputError
@@ -707,7 +714,7 @@ class Model:
             give_back(*weights[grid][:-1], order, tuple(fluids))
 
     def step_by(self, steps: int) -> None:
-        """Advance by a number of the scene's own steps: for tests and teaching."""
+        """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
         length = self.longest_step()
         if not np.isfinite(length):
             raise InputError("step_by: nothing sets a step here; use advance(seconds)")

@@ -387,6 +387,11 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
     Returns
     -------
     The largest overlap left, over the smaller radius: 0 unless the floes are jammed.
+
+    Raises
+    ------
+    InputError
+        for a domain, or rings of land, that cannot be.
     """
     check_domain(domain)
     if not floes.active.any():

@@ -1058,6 +1058,11 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     scene : path of a TOML or YAML file, or the name of a packaged scene
     overrides : texts such as "time.duration=3600", as after `--set`
 
+    Returns
+    -------
+    Scene : its tables, checked; `build()` makes `model`, `ocean`, `atmosphere` (what fills their velocities, or None)
+        and `land` (rings [m]), which `run` takes
+
     Raises
     ------
     InputError
