@@ -101,7 +101,7 @@ class Inflow(NamedTuple):
     edge : "west", "east", "south" or "north"
     sizes : a size distribution
     thickness : of a new floe [m]
-    velocity : of a new floe [m/s]
+    velocity : of a new floe, along x and y [m/s]; at rest if not given
     span : stretch of the edge that is open, coordinates along it [m]; all of it if not given
     """
 
