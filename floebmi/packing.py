@@ -170,6 +170,10 @@ def from_field(
         with the area that was left out because of `max_concentration`, and that of floes that found
         no room.
 
+    Returns
+    -------
+    Floes, numbered in the order of space
+
     Raises
     ------
     InputError
@@ -265,6 +269,10 @@ def regular(
     lattice : "hexagonal" or "square"
     thickness : of all floes [m]
 
+    Returns
+    -------
+    Floes, row by row from the south-west
+
     Raises
     ------
     InputError
@@ -333,6 +341,10 @@ def read_floes(
     path : ends in .csv, .geojson or .json
     thickness : of all floes [m], for a file that has none
     projection : for a GeoJSON file in longitude and latitude, see `coast.from_geojson`
+
+    Returns
+    -------
+    Floes, in the order of the file; they rotate where it has an angle or angular velocity
 
     Raises
     ------
