@@ -7,6 +7,9 @@ files, floe-level BMI arrays).  A new variable is a new row here.
 The sign rule, once for all: a stress by A on B is positive where it accelerates B along +x or +y.  The
 ocean's stress is by ice ON ocean; the air's is by air ON ice.  Both are per area of the whole cell,
 already weighted by concentration; only the rows whose name says so are per area of ice.
+
+In gridded.nc a field has its CF standard name, or the short one where CF has none of at most 40 letters; in floes.nc
+all have the short one.  `model.fields()` has short names, BMI and Landlab CSDMS names; `floebmi plot --variable` takes any.
 """
 
 from collections.abc import Iterator
