@@ -93,8 +93,8 @@ class Regrid:
     ------
     InputError
         for grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
-        beyond 90 degrees, a target that reaches more than 60 degrees from its middle, a radius that is not
-        greater than 0.
+        beyond 90 degrees, a target that reaches more than 60 degrees from its middle (two rectilinear grids may),
+        a radius that is not greater than 0.
 
     Examples
     --------

@@ -93,6 +93,7 @@ class Wall(NamedTuple):
 class Inflow(NamedTuple):
     """New floes along an edge of the domain, each as soon as there is room for it; their mass is booked.
 
+    A new floe touches the edge from inside, at a random free place.
     Room is looked for when an exchange begins and, in a long one, again whenever floes have strayed by a tenth of the
     smallest radius or so.
 
