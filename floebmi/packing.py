@@ -154,7 +154,7 @@ def from_field(
     Parameters
     ----------
     grid : of the fields; its dry cells are land
-    area_fraction : of each cell [1], shape (grid.size,) or grid.shape
+    area_fraction : of each cell [1], shape (grid.size,) or grid.shape, or one number
     thickness : of the ice in each cell [m] (not its mean over ice and water), same shapes, or one
         number. A floe gets the thickness of the cell that it was drawn for
     sizes : the distribution of radii
@@ -298,7 +298,7 @@ def regular(
                 f"apart, less than 2 radii, {2 * radius:g} m; choose a larger spacing"
             )
     else:
-        if not 0 < concentration < 1:
+        if not (is_number(concentration) and 0 < concentration < 1):
             raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
         per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
         ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
