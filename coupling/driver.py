@@ -40,8 +40,10 @@ The ledger of momentum [N s], per exchange and axis:
     other        given to the floes by all else: wind, walls, fixed floes, Coriolis …
     budget       floes − from host − other + what the floes' own grid could not deliver = 0  (a residual)
 
-The last three are read from scalar outputs of the floes, `host` from one of the host; a model that does not
-offer them has no such column.
+    host         change in the momentum of the host's water
+
+`floes` and `other` are read from scalar outputs of the floes, `host` from those of the host; what a model does not offer
+is left open, and so is `budget` without the first two.
 """
 
 from __future__ import annotations
@@ -214,6 +216,12 @@ class Coupling:
     ----------
     to_floes, to_host : the connections
     unmatched : inputs of either model that nobody fills
+    ledger : one `Exchange` each, so far
+
+    Raises
+    ------
+    InputError, CouplingError
+        as `couple` before the run.
     """
 
     def __init__(
@@ -373,7 +381,7 @@ class Coupling:
     # ---- running -----------------------------------------------------------------------------------
 
     def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
-        """Exchange until a time of the floes' clock [s]; returns the ledger so far."""
+        """Exchange until a time of the floes' clock [s]; returns the ledger so far.  Raises as `couple` does."""
         known = len(self.ledger)
         with _in_one_line("couple: before the first exchange"):
             count, start = self._prepare(until)
@@ -409,7 +417,7 @@ class Coupling:
         return count, start
 
     def exchange(self, until: float) -> Exchange:
-        """One exchange, to a time of the floes' clock [s]."""
+        """One exchange, to a time of the floes' clock [s]; CouplingError, in one line, if anything fails in it."""
         begin = ""
         try:
             now = self.floes.time()
@@ -865,7 +873,7 @@ def _seconds(units: str | None, side: str) -> float:
 
 
 def bmi_grid(model: Bmi, name: str) -> Grid:
-    """The cells on which a BMI variable lives, as far as BMI tells them (add a mask with `with_wet`).
+    """The cells [m] on which a BMI variable lives, as far as BMI tells them (add a mask with `with_wet`).
 
     Raises
     ------

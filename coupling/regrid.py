@@ -93,8 +93,8 @@ class Regrid:
     ------
     InputError
         for grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
-        beyond 90 degrees, a target that reaches more than 60 degrees from its middle, a radius that is not
-        greater than 0.
+        beyond 90 degrees, a target that reaches more than 60 degrees from its middle (two rectilinear grids may),
+        a radius that is not greater than 0.
 
     Examples
     --------
@@ -378,6 +378,10 @@ def project(grid: Grid, projection: str) -> Grid:
     grid : x longitude, y latitude [degrees]
     projection : whatever pyproj reads, "EPSG:3413" or "+proj=laea +lat_0=79 +lon_0=0"
 
+    Returns
+    -------
+    Grid : the same cells in the same order, with the same mask
+
     Raises
     ------
     InputError
@@ -413,7 +417,7 @@ def _once_at_poles(faces: np.ndarray, pole: np.ndarray) -> np.ndarray:
 
 
 def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:
-    """Areas of longitude-latitude cells on the sphere [m²], edges as the module's text says: (size,).
+    """Areas of longitude-latitude cells [degrees] on the sphere [m²], edges as the module's text says: (size,).
 
     Raises
     ------

@@ -46,9 +46,13 @@ def turn(
 
     Parameters
     ----------
-    along_first, along_second : components along the axes (east and north; or i and j of a grid)
-    angle : [rad] from x to the first axis, counter-clockwise: `projection.east_in_plane`, `axis_angle`.
-        With −angle the way back
+    along_first, along_second : arrays of one shape, components along the axes (east and north; or i and j of a grid)
+    angle : [rad] from x to the first axis, counter-clockwise, one number or an array of that shape:
+        `projection.east_in_plane`, `axis_angle`.  With −angle the way back
+
+    Returns
+    -------
+    Two arrays of that shape, in the same unit: components along x and y
 
     Examples
     --------
@@ -68,6 +72,11 @@ def axis_angle(grid: Grid) -> np.ndarray:
 
     The turn that is nearest to the cell: its i axis leads from the middle of its west face to that of its
     east face, its j axis from south to north.
+
+    Raises
+    ------
+    InputError
+        for a grid without rows and columns.
     """
     _structured(grid)
     x, y = grid.corner_x, grid.corner_y  # counter-clockwise from the south-west
@@ -191,6 +200,10 @@ class Staggered:
         ----------
         values : (points,); what stands on closed points is not looked at
 
+        Returns
+        -------
+        (grid.size,)
+
         Raises
         ------
         InputError
@@ -200,7 +213,13 @@ class Staggered:
         return self.weights.T @ values
 
     def undelivered(self, values: np.ndarray) -> float:
-        """The part of Σ values × grid.area on wet cells without any open point, a force [N] of a stress."""
+        """The part of Σ values × grid.area on wet cells without any open point, a force [N] of a stress [N m-2].
+
+        Raises
+        ------
+        InputError
+            for a wrong size, or a value on a wet cell that is not finite.
+        """
         return float((self._on_cells(values) * self.grid.area)[self._alone].sum())
 
     def _on_cells(self, values: np.ndarray) -> np.ndarray:

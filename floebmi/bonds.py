@@ -39,7 +39,7 @@ class Beam(NamedTuple):
 
 
 class TensileStrength(NamedTuple):
-    """A pair that has touched holds until f_n = σ_c R_ij h_min, then loses all strength at once.
+    """A pair that has touched holds until it pulls with σ_c R_ij h_min, then loses all strength at once (eq. tensile-strength).
 
     Parameters
     ----------

@@ -105,6 +105,7 @@ class Wall(NamedTuple):
 class Inflow(NamedTuple):
     """New floes along an edge of the domain, each as soon as there is room for it; their mass is booked.
 
+    A new floe touches the edge from inside, at a random free place.
     Room is looked for when an exchange begins and, in a long one, again whenever floes have strayed by a tenth of the
     smallest radius or so.
 
@@ -113,7 +114,7 @@ class Inflow(NamedTuple):
     edge : "west", "east", "south" or "north"
     sizes : a size distribution
     thickness : of a new floe [m]
-    velocity : of a new floe [m/s], not outwards
+    velocity : of a new floe, along x and y [m/s], not outwards; at rest if not given
     span : stretch of the edge that is open, coordinates along it [m]; all of it if not given
     """
 

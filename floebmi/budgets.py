@@ -9,12 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from floebmi.errors import InputError, choose
+
 QUANTITIES = ("mass", "momentum_x", "momentum_y", "energy")
 UNITS = ("kg", "N s", "N s", "J")
 
 
 class Balance(NamedTuple):
-    """One quantity's balance: start + gains − now = residual; `relative` is to what was exchanged."""
+    """One quantity's balance: now − start − gained = residual, in its unit.
+
+    relative : |residual| over the largest of what was there at the start, is there now and has passed meanwhile [1]
+    """
 
     start: float
     gained: float
@@ -24,7 +29,13 @@ class Balance(NamedTuple):
 
 
 class Ledger:
-    """Accounts of mass [kg], momentum along x and y [N s] and energy [J] of the ice."""
+    """Accounts of mass [kg], momentum along x and y [N s] and energy [J] of the ice.
+
+    Attributes
+    ----------
+    start, now : (4,) mass, momentum x, y, energy that the ice had and has
+    accounts : by name, (4,) what each brought to the ice since the start (negative: took)
+    """
 
     def __init__(self) -> None:
         self.start = np.zeros(4)
@@ -62,7 +73,15 @@ class Ledger:
         self.turnover[1:3] = np.maximum(self.turnover[1:3], np.sqrt(2.0 * self.now[0] * energy))
 
     def balance(self, quantity: str) -> Balance:
-        """The balance of "mass", "momentum_x", "momentum_y" or "energy"."""
+        """The balance of "mass", "momentum_x", "momentum_y" or "energy".
+
+        Raises
+        ------
+        InputError
+            for another word.
+        """
+        if quantity not in QUANTITIES:
+            raise InputError(f"balance of {quantity!r}: {choose(quantity, QUANTITIES)}")
         q = QUANTITIES.index(quantity)
         gained = sum(row[q] for row in self.accounts.values())
         residual = self.now[q] - self.start[q] - gained

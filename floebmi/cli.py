@@ -201,7 +201,7 @@ def floebmi() -> None:
 )
 @click.option(
     "--accuracy", type=float, metavar="ERROR",
-    help="Take the fastest setting with this error, from `floebmi tradeoff`, 0.02 say.",
+    help="Take the fastest setting with this error, 0.02 say, that SCENE.tradeoff.nc beside the scene has.",
 )  # fmt: skip
 @click.option("--profile", is_flag=True, help="Print where the time went.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -437,7 +437,8 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores.")
 @click.option(
     "--to", "target", type=_PATH, metavar="FILE",
-    help="NetCDF file to make, and a .png beside it; else SCENE.tradeoff.nc here.",
+    help="NetCDF file to make, and a .png beside it; else SCENE.tradeoff.nc here. `run --accuracy` reads the one beside "
+    "the scene.",
 )  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def tradeoff(

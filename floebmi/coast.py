@@ -34,7 +34,10 @@ SMALLEST = 3  # the narrowest capes get discs of radius / 2**SMALLEST
 
 
 class Coast(NamedTuple):
-    """Land and its shore.
+    """Land and its shore; made by `from_land_fraction`, `from_polygons` or `from_geojson` of this module.
+
+    A model takes the shore with the ice, `Floes.concatenate([ice, coast.floes])`; `scatter` and the like keep
+    `land=coast` free.
 
     Attributes
     ----------

@@ -104,7 +104,16 @@ class CompressiveFailure(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """A contact law in parts; `None` leaves a part out."""
+    """A contact law in parts; `None` leaves a part out.
+
+    Parameters
+    ----------
+    elastic : normal elasticity
+    friction : friction, with rotation
+    bonds : what holds floes together that have touched
+    dashpot : normal damping
+    failure : failure in compression, then sliding of floe over floe
+    """
 
     elastic: Elastic = Elastic()
     friction: Coulomb | Damsgaard2018Coulomb | None = None

@@ -55,10 +55,11 @@ class Step(NamedTuple):
     ----------
     scheme : "verlet" (default), or the paper's "taylor2", "taylor3"
     fraction : of the stability limit 2/ω_max, ω_max from the floes' own stiffness sums (eq. stable-step);
-        default: 0.85 with friction, 0.3 without it or with bonds or dashpots, see `usual_fraction`
+        default: 0.85 with friction, 0.3 without it or with bonds, dashpots or failure, see `usual_fraction`
     epsilon : if given, the paper's rule instead: Δt = ε √(m_min/k_max) (Eq. 4; the paper's ε is 0.07)
     length : if given, a fixed step [s] instead
-    drag_every : the forces other than contacts act once in so many steps, for half of their time before and half after
+    drag_every : the forces other than contacts act once in so many steps, for half of their time before and half after;
+        "verlet" alone
     """
 
     scheme: Literal["verlet", "taylor2", "taylor3"] = "verlet"

@@ -95,7 +95,7 @@ class Floes:
     u, v : velocity [m/s]
     motion : bits of what is prescribed: `FIXED_X` (1), `FIXED_Y` (2), `FIXED_ROTATION` (4), or
         their sum.  `FIXED` (7) with zero velocity is a fixed floe, with a velocity it is a driven
-        one.
+        one; `COAST` (15) is a piece of land.
     rotation : whether the floes have an angle and an angular velocity
     angle, angular_velocity : [rad], [rad/s], counter-clockwise positive; only with `rotation=True`
 

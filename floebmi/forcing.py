@@ -106,7 +106,17 @@ class VelocitySource(Protocol):
 
 @final
 class Constant:
-    """The same velocity (u, v) [m/s] everywhere and always."""
+    """The same velocity everywhere and always.
+
+    Parameters
+    ----------
+    u, v : velocity along x and y [m/s]
+
+    Raises
+    ------
+    InputError
+        for what is not two finite numbers.
+    """
 
     span = None
 

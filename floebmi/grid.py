@@ -386,7 +386,13 @@ class Grid:
         return Bins(origin, scale, start, cell[np.argsort(b, kind="stable")], low, box, raster)
 
     def with_wet(self, mask: np.ndarray) -> Grid:
-        """The same cells, another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet."""
+        """The same cells, another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet.
+
+        Raises
+        ------
+        InputError
+            for another shape or other values.
+        """
         other = copy.copy(self)  # shares the geometry and the search structures
         object.__setattr__(other, "wet", _mask(mask, self.shape))
         other.wet.flags.writeable = False

@@ -148,8 +148,8 @@ class Fluid:
     last_x, last_y : the part of it from the last exchange [N s]
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
         of the ocean, else None
-    coefficient : dτ/d(Δu), linear in the velocity difference, per cell area [kg m-2 s-1]; of the ocean, else
-        None
+    coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area of drags K |Δu| Δu, as the last
+        exchange ended, in the water that it read [kg m-2 s-1]; of the ocean, else None
     undelivered : impulse (x, y) that found no wet cell [N s]
     layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
         when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
@@ -269,6 +269,13 @@ class Model:
     seed : of everything that is random while the model runs (inflow)
     atmosphere_grid : grid of the wind, if it is another one
     threads : that may share the steps of a large pack (from 50 000 floes on); the bits are the same for any number
+
+    Attributes
+    ----------
+    time : since the start [s]
+    domain, floes, contact, forces, grid : as given
+    ocean, atmosphere : `Fluid`, velocities that drive the ice and the impulse that they get back; None where no force
+        reads them
 
     Raises
     ------
@@ -513,11 +520,11 @@ class Model:
         ------
         InputError
             for a duration that is negative or not finite, for a NaN in a wet cell of a fluid or a velocity of
-            1000 m/s or more, and for floes that an edit has put onto each other.
+            1000 m/s or more, and for floes that an edit has put onto each other or over a wall.
         StabilityError
-            if floes leave what the step resolves: a floe moves more than half its radius in a step or
-            overlaps by more than the smaller radius, a number is no longer finite, or a tenth of the energy
-            comes from nowhere.
+            if floes leave what the step resolves: a floe moves more than half its radius in a step, overlaps another
+            by more than the smaller radius or has its centre behind a wall, a number is no longer finite, 1e12 steps
+            would not do, or a tenth of the energy comes from nowhere.
 
         After an error the model is as it was before.
         """
@@ -709,7 +716,7 @@ class Model:
             give_back(*weights[grid][:-1], order, tuple(fluids))
 
     def step_by(self, steps: int) -> None:
-        """Advance by a number of the scene's own steps: for tests and teaching."""
+        """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
         length = self.longest_step()
         if not np.isfinite(length):
             raise InputError("step_by: nothing sets a step here; use advance(seconds)")

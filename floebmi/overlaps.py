@@ -22,6 +22,16 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     """Pairs that overlap by more than `allowed` of the smaller radius, the worst first.
 
     Two pieces of coast may lie over each other as they like.
+
+    Parameters
+    ----------
+    floes : the active ones are looked at
+    domain : its periods
+    allowed : share of the smaller radius [1]; 0 tells every overlap
+
+    Returns
+    -------
+    list of `Overlap`: floe numbers i < j, overlap [m], share of the smaller radius [1]
     """
     number = np.flatnonzero(floes.active)
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]

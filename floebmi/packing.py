@@ -154,7 +154,7 @@ def from_field(
     Parameters
     ----------
     grid : of the fields; its dry cells are land
-    area_fraction : of each cell [1], shape (grid.size,) or grid.shape
+    area_fraction : of each cell [1], shape (grid.size,) or grid.shape, or one number
     thickness : of the ice in each cell [m] (not its mean over ice and water), same shapes, or one
         number. A floe gets the thickness of the cell that it was drawn for
     sizes : the distribution of radii
@@ -169,6 +169,10 @@ def from_field(
     IceNotPlaced
         with the area that was left out because of `max_concentration`, and that of floes that found
         no room.
+
+    Returns
+    -------
+    Floes, numbered in the order of space
 
     Raises
     ------
@@ -265,6 +269,10 @@ def regular(
     lattice : "hexagonal" or "square"
     thickness : of all floes [m]
 
+    Returns
+    -------
+    Floes, row by row from the south-west
+
     Raises
     ------
     InputError
@@ -290,7 +298,7 @@ def regular(
                 f"apart, less than 2 radii, {2 * radius:g} m; choose a larger spacing"
             )
     else:
-        if not 0 < concentration < 1:
+        if not (is_number(concentration) and 0 < concentration < 1):
             raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
         per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
         ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
@@ -333,6 +341,10 @@ def read_floes(
     path : ends in .csv, .geojson or .json
     thickness : of all floes [m], for a file that has none
     projection : for a GeoJSON file in longitude and latitude, see `coast.from_geojson`
+
+    Returns
+    -------
+    Floes, in the order of the file; they rotate where it has an angle or angular velocity
 
     Raises
     ------
@@ -387,6 +399,11 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
     Returns
     -------
     The largest overlap left, over the smaller radius: 0 unless the floes are jammed.
+
+    Raises
+    ------
+    InputError
+        for a domain, or rings of land, that cannot be.
     """
     check_domain(domain)
     if not floes.active.any():

@@ -65,7 +65,13 @@ def same_plane(one: str | None, other: str | None) -> bool:
 def to_plane(
     projection: str, lon: np.ndarray | float, lat: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Place on the plane [m] of longitude and latitude [degrees]; NaN where the plane has no such place."""
+    """Place on the plane [m] of longitude and latitude [degrees]; NaN where the plane has no such place.
+
+    Raises
+    ------
+    InputError
+        for an unknown projection, or one that is no plane.
+    """
     proj, metre = _proj(projection)
     x, y = proj(np.asarray(lon, float), np.asarray(lat, float))
     return _or_nan(np.multiply(x, metre)), _or_nan(np.multiply(y, metre))
@@ -74,7 +80,7 @@ def to_plane(
 def to_lonlat(
     projection: str, x: np.ndarray | float, y: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Longitude and latitude [degrees] of a place on the plane [m]; NaN where there is none."""
+    """Longitude and latitude [degrees] of a place on the plane [m]; NaN where there is none.  Raises as `to_plane`."""
     proj, metre = _proj(projection)
     lon, lat = proj(np.asarray(x, float) / metre, np.asarray(y, float) / metre, inverse=True)
     return _or_nan(lon), _or_nan(lat)
@@ -85,7 +91,7 @@ def _or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def east_in_plane(projection: str, lon: np.ndarray | float, lat: np.ndarray | float) -> np.ndarray:
-    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees]."""
+    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees].  Raises as `to_plane`."""
     lat = np.clip(np.asarray(lat, float), -_NEAR_POLE, _NEAR_POLE)
     lon = np.asarray(lon, float)
     step = np.degrees(_STEP / _EARTH_RADIUS)

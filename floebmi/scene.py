@@ -230,11 +230,14 @@ SizeTable = one_of(
 class Group(Table):
     """Keys that all groups of floes have."""
 
-    velocity: Pair = Field((0.0, 0.0), description="velocity at the start (along x, along y) [m/s]")
+    velocity: Pair = Field(
+        (0.0, 0.0),
+        description="velocity at the start (along x, along y) [m/s]; else that of the file or list, or at rest",
+    )
     motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
         "free",
         description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
-        "['x', 'y', 'rotation']",
+        "['x', 'y', 'rotation']; floes of a file or list have their own unless it is given",
     )
     smallest: NonNegative = Field(
         0.0, description="smaller floes are left out, the others thicker: the mass stays [m]"
@@ -379,7 +382,9 @@ class CoastTable(Table):
     geojson: ScenePath | None = Field(
         None, description="GeoJSON file with polygons of land instead"
     )
-    radius: Positive = Field(description="of the fixed floes on the shore [m]")
+    radius: Positive = Field(
+        description="of the fixed floes on the shore [m]; capes too narrow for them get smaller ones, to an eighth"
+    )
     thickness: Positive = Field(10.0, description="of the fixed floes on the shore [m]")
 
     @model_validator(mode="after")
@@ -532,7 +537,9 @@ _Tilt: Any = table_of(Tilt)
 class TiltTable(_Tilt):
     """Sea-surface tilt."""
 
-    slope: Pair = Field((0.0, 0.0), description="slope of the sea surface (∂η/∂x, ∂η/∂y) [1]")
+    slope: Pair = Field(
+        (0.0, 0.0), description="slope of the sea surface (∂η/∂x, ∂η/∂y) [1]; else level"
+    )
 
 
 class Ice(Table):
@@ -1070,6 +1077,11 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ----------
     scene : path of a TOML or YAML file, or the name of a packaged scene
     overrides : texts such as "time.duration=3600", as after `--set`
+
+    Returns
+    -------
+    Scene : its tables, checked; `build()` makes `model`, `ocean`, `atmosphere` (what fills their velocities, or None)
+        and `land` (rings [m]), which `run` takes
 
     Raises
     ------

@@ -7,6 +7,9 @@ files, floe-level BMI arrays).  A new variable is a new row here.
 The sign rule, once for all: a stress by A on B is positive where it accelerates B along +x or +y.  The
 ocean's stress is by ice ON ocean; the air's is by air ON ice.  Both are per area of the whole cell,
 already weighted by concentration; only the rows whose name says so are per area of ice.
+
+In gridded.nc a field has its CF standard name, or the short one where CF has none of at most 40 letters; in floes.nc
+all have the short one.  `model.fields()` has short names, BMI and Landlab CSDMS names; `floebmi plot --variable` takes any.
 """
 
 from collections.abc import Iterator
@@ -73,6 +76,7 @@ _ON_ICE = "by air on ice: positive accelerates the ice along +{a}"
 _ALONG = "positive along +{a}"
 _HOST = "once the host or a forcing sets it; {before} until then"
 _EXCHANGE = "after the first update, 0 before: mean over the last exchange interval"
+_ENDED = "after the first update, 0 before: as the last exchange ended, in the water that it read"
 _RUNNING = "from the start, where it is 0; never reset"
 _OVER_FRAMES = "area: mean time: mean"  # in a file: the mean since the last frame
 _OVER_EXCHANGE = "area: mean time: mean (over the last exchange interval)"
@@ -262,7 +266,7 @@ _STRESSES = (
         "sea_ice_bottom_water_flowing__time_average_of_magnitude_of_stress",
         None,
         "Pa",
-        "mean over time of the magnitude of the ice-ocean stress, per cell area",
+        "magnitude of each floe's mean stress on the ocean in an exchange, summed per cell area",
         valid=_EXCHANGE,
         mean=_OVER_EXCHANGE,
     ),
@@ -273,8 +277,7 @@ _STRESSES = (
         "kg m-2 s-1",
         "linear coefficient of the ice-ocean stress, per cell area",
         "stress on ocean = coefficient × (ice velocity − ocean velocity)",
-        valid=_EXCHANGE,
-        mean=_OVER_EXCHANGE,
+        valid=_ENDED,
     ),
     *_vectors(
         [

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from floebmi import FloeBmi, Grid, InputError, StabilityError, bmi, running
+from floebmi.forces import OceanDrag, bulk_coefficient
 from floebmi.scene import read_scene
 
 ROOT = Path(__file__).parents[1]
@@ -338,6 +339,22 @@ def test_stress_per_ice_area_times_the_fraction_is_that_per_cell_area_over_many_
     per_ice = value(component, STRESS.replace("ice_bottom", "ice_floe_bottom"))
     assert ((0 < fraction) & (fraction < 1)).all()
     np.testing.assert_allclose(per_ice * fraction, value(component, STRESS), rtol=1e-12)
+
+
+def test_the_linear_drag_coefficient_is_that_at_the_end_of_an_update(scene: Path) -> None:
+    component, other = started(scene), started(scene)
+    component.update_until(600.0)  # ten exchanges
+    for _ in range(10):
+        other.update()
+    name = STRESS.replace("x_z_component_of_stress", "linear_drag_coefficient")
+    assert np.array_equal(value(component, name), value(other, name))
+    ocean, floes = component.model.ocean, component.model.floes
+    slip = np.hypot(ocean.u[0] - floes.u, ocean.v[0] - floes.v)  # of water that is alike everywhere
+    drag, side = OceanDrag(), component.model.draft_fraction * floes.thickness
+    area = np.pi * floes.radius**2
+    each = drag.density * area * bulk_coefficient(drag, floes.radius, side) * slip
+    total = (value(component, name) * component.model.grid.area).sum()
+    assert total == pytest.approx(each[floes.active].sum(), rel=1e-12)
 
 
 # ---- faults -------------------------------------------------------------------------------------

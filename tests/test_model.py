@@ -471,3 +471,8 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
     for one in (model, other):
         one.advance(2.0)
     assert np.array_equal(other.floes.x, model.floes.x)
+
+
+def test_a_balance_of_what_is_not_booked_is_refused_in_one_line():
+    with pytest.raises(InputError, match="balance of 'momentum': allowed: .*mean 'momentum_"):
+        pair().ledger.balance("momentum")
