@@ -504,14 +504,14 @@ def move(
     return fastest
 
 
-@in_place
+@inner
 def move_walls(walls, kicks, dt):
     """Kick and drift the walls; returns the largest speed²."""
     kick_walls(walls, *kicks, 0.0)
     return drift_walls(walls, dt)
 
 
-@in_place
+@inner
 def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constraint, buffer):
     """The second half of the last kick, and what is left of the push; the forces stay to be looked at."""
     p = packed
@@ -526,7 +526,7 @@ def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constr
         lean(p.force, coast, end, kicked, 1.0, constraint)
 
 
-@in_place
+@inner
 def time_to_push(lag, drag_every, dt, rest):
     """Time that the other forces act for at the beginning of a step [s]; 0 where they do not.
 
@@ -545,7 +545,7 @@ def time_to_push(lag, drag_every, dt, rest):
     return pushed
 
 
-@in_place
+@inner
 def time_left_to_push(lag, reached):
     """The same at the end of some steps: what is left, if the end of the exchange is reached."""
     if not reached:
@@ -699,7 +699,7 @@ def _(walls: None, positions):
     return 0.0
 
 
-@in_place
+@inner
 def wide_enough(skin, way):
     """Skin of a short list [m], such that it lasts for some steps while floes move as fast as now.
 
@@ -708,7 +708,7 @@ def wide_enough(skin, way):
     return max(skin, LASTING * way)
 
 
-@in_place
+@inner
 def is_stale(since, way, skin):
     """Whether a pair that is not on the short list may touch after the next step.
 

@@ -71,7 +71,10 @@ def inlined(function: Callable) -> Callable:
 
 
 def inner(function: Callable) -> Callable:
-    """Plain Python for Python, and a part of the kernels that call it."""
+    """Plain Python for Python, and a part of the kernels that call it.
+
+    What no Python calls is so sooner compiled: without what a kernel needs besides, and once for all that call it.
+    """
     return register_jitable(**IN_PLACE)(function)
 
 

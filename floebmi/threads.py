@@ -37,7 +37,7 @@ def verlet_in_threads(
 ) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so that threads of Python will do."""
     chunks = lists.tiles.chunks
-    threads, seams = min(threads, len(chunks) - 1), chunks[-1]
+    threads = min(threads, len(chunks) - 1)
     bounds = np.array([chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)])
     counter, fastest = np.zeros(1, np.int64), np.zeros((threads, LINE))
     buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
@@ -62,14 +62,21 @@ def verlet_in_threads(
         done = share(0)
         for other in others:
             other.result()
+    _end(forces, at, packed, lists, walls, books, dt, done, steps, substeps, lag, buffers[1])
+    return done
+
+
+@in_place
+def _end(forces, at, packed, lists, walls, books, dt, done, steps, substeps, lag, buffer):
+    """What is left to do when all have taken their steps."""
+    seams = lists.tiles.coast.size
     settle(lists.near, 0, seams + 1)
     if done > 0:
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
-            forces, at, packed, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps, books.held[seams],
-            buffers[1],
+            forces, at, packed, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
+            books.held[seams], buffer,
         )  # fmt: skip
-    return done
 
 
 @in_place
