@@ -254,9 +254,8 @@ def _brought_back(land: "shapely.Geometry", domain: "Domain") -> "shapely.Geomet
                 shapely.transform(land.intersection(shapely.box(*window.ravel())), by.__add__)
             )
         parts = shapely.get_parts(shapely.union_all(pieces))
-        land = shapely.union_all(
-            parts[shapely.area(parts) > 0]
-        )  # what only touches the edge is none
+        # what only touches the edge is none
+        land = shapely.union_all(parts[shapely.area(parts) > 0])
     return land
 
 

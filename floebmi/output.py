@@ -94,9 +94,7 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
             error.filename = str(path)
         raise
     finally:
-        if (
-            part.exists()
-        ):  # to take away what is not there is an error of its own on a disk that is read-only
+        if part.exists():  # on a read-only disk to take away what is not there is an error, too
             part.unlink()
 
 

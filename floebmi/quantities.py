@@ -18,9 +18,8 @@ PositiveFraction = Annotated[float, Gt(0), Le(1)]
 Count = Annotated[int, Ge(1)]
 PoissonRatio = Annotated[float, Ge(0), Le(0.5)]
 
-FARTHEST = (
-    1e9  # from (0, 0) [m]: beyond all maps of the Earth, and as far as numbers tell 0.1 µm apart
-)
+# From (0, 0) [m]: beyond all maps of the Earth, and as far as numbers tell 0.1 µm apart.
+FARTHEST = 1e9
 
 _BOUNDS = {
     Gt: ("gt", operator.gt, "greater than"),
