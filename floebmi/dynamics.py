@@ -422,8 +422,8 @@ def touch_walls(
         gap = wall.side * ((floe.x if along_x else floe.y) - wall.position) - floe.r
         opening = wall.side * ((floe.u if along_x else floe.v) - wall.speed)
         f = pair_force(
-            wall_law, gap, opening, 0.0, 0.0, floe.r, floe.r, floe.h, floe.h, floe.w, 0.0, 0.0,
-            0.0, 0.0, recall(edges.damped, q), 0.0, 0.0, 0.0, dt,
+            wall_law, gap, opening, 0.0, 0.0, floe.r, floe.r, floe.h, floe.h,
+            floe.w + wall.inverse_mass, 0.0, 0.0, 0.0, 0.0, recall(edges.damped, q), 0.0, 0.0, 0.0, dt,
         )  # fmt: skip
         remember(edges.damped, q, f.damped)
         if along_x:

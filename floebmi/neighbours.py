@@ -50,17 +50,17 @@ def find_pairs(
     Raises
     ------
     InputError
-        if a period is so short that two floes could meet on both sides.
+        if a period is so short that two floes could meet on both sides, or one floe itself.
     """
     n = len(x)
-    if n < 2:
-        return Pairs(np.zeros(n + 1, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
-    widest = float(reach.max())
+    if not n:
+        return Pairs(np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
+    times, widest = 4 if n > 1 else 2, float(reach.max())
     for name, length in zip("xy", period, strict=True):
-        if length is not None and length < 4 * widest:
+        if length is not None and length < times * widest:
             raise InputError(
-                f"domain.{name}: period = {length:g} m; must be at least four times the reach of "
-                f"the largest floe, {4 * widest:g} m"
+                f"domain.{name}: period = {length:g} m; must be at least {times} times the reach of "
+                f"the largest floe, {times * widest:g} m"
             )
     x, y = (_within(np.asarray(v, np.float64), p) for v, p in zip((x, y), period, strict=True))
     land = np.zeros(n, np.bool_) if land is None else land

@@ -413,20 +413,24 @@ def _stiffest(
         add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
         add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
     highest, which, rate = 0.0, -1, 0.0
-    of_wall = 0.0  # the sum of one wall, whose floes are listed one after the other
+    # the sums of one wall, whose floes are listed one after the other
+    of_wall, rate_of_wall = 0.0, 0.0
     for q in range(walls.floe.size):
         k = walls.floe[q]
         wall = walls.walls[walls.number[q]]
         w = max(inverse_x[k], inverse_y[k])
         k_n = stiffness(law.elastic, floes[k].h, floes[k].h)
         nx = 1.0 if wall.axis == 0 else 0.0
-        c = damping(law.dashpot, k_n, w)
+        c = damping(law.dashpot, k_n, w + wall.inverse_mass)
         add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, 0.0, c, nx, 1.0 - nx, 0.0)
         if q == 0 or walls.number[q] != walls.number[q - 1]:
-            of_wall = 0.0
-        of_wall += (wall.inverse_mass + np.sqrt(wall.inverse_mass * w)) * k_n
+            of_wall, rate_of_wall = 0.0, 0.0
+        share = wall.inverse_mass + np.sqrt(wall.inverse_mass * w)
+        of_wall += share * k_n
+        rate_of_wall += share * c
         if of_wall > highest:
             highest, which = of_wall, k
+        rate = max(rate, rate_of_wall)
     for k in range(n):
         w = max(inverse_x[k], inverse_y[k])
         if w == 0.0:

@@ -91,6 +91,35 @@ def test_a_wall_lighter_than_its_floes_sets_the_step():
         pressed_row(10.0, 1.0, Step(length=usual)).advance(500 * step)
 
 
+@pytest.mark.parametrize("mass", [1e2, 1e4, 1e6, 1e9])
+def test_restitution_is_met_against_a_loaded_wall_of_any_mass(mass):
+    """Its mass had not counted: at 100 kg it flew off at 14 times the speed of the floe."""
+    wall = Wall("north", position=12.0, normal_stress=0.0, mass=mass, damping=0.0)
+    domain = Domain((-50.0, 50.0), (-50.0, 50.0))
+    floe = Floes(0.0, 0.0, 10.0, 1.0, v=1.0)
+    law, step = Contact(dashpot=Restitution(0.3)), Step(fraction=0.03)
+    model = Model(domain, floe, contact=law, walls=[wall], step=step)
+    model.advance(3.0)
+    before = model.wall_positions[0]
+    model.advance(0.1)
+    rebound = (model.wall_positions[0] - before) / 0.1 - model.floes.v[0]
+    assert rebound == pytest.approx(0.3, rel=0.01)
+    assert_books_close(model)
+
+
+def test_dashpots_of_many_floes_under_a_light_wall_set_the_step():
+    """The step had not known of them: the wall flew off at 1.7 times the speed of the floes."""
+    wall = Wall("north", position=10.0, normal_stress=0.0, mass=1e3, damping=0.0)
+    floes = Floes(20.0 * np.arange(20), 0.0, 9.99, 1.0, v=1.0)
+    law = Contact(dashpot=Restitution(0.02))
+    model = Model(Domain((-20.0, 420.0), (-50.0, 50.0)), floes, contact=law, walls=[wall])
+    model.advance(0.3)
+    before = model.wall_positions[0]
+    model.advance(0.01)
+    assert (model.wall_positions[0] - before) / 0.01 == pytest.approx(1.0, abs=0.01)
+    assert_books_close(model, energy=1e-5)
+
+
 def packed_box(stress, law=Contact(dashpot=Restitution(0.2))):
     x, y = (a.ravel() for a in np.meshgrid(np.arange(10) * 2.0 + 1, np.arange(10) * 2.0 + 1))
     domain = Domain((0.0, 20.0), (0.0, 30.0), "closed", "closed", "closed")
