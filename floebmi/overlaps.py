@@ -32,11 +32,14 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     Returns
     -------
     list of `Overlap`: floe numbers i < j, overlap [m], share of the smaller radius [1]
+
+    Raises
+    ------
+    InputError
+        if a period is so short that two floes could meet on both sides, or a lone floe itself.
     """
     number = np.flatnonzero(floes.active)
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]
-    if len(number) < 2:
-        return []
     pairs = find_pairs(x, y, r, domain.period)
     i, j = pairs.i, pairs.j
     distance = []

@@ -391,6 +391,15 @@ def test_the_state_of_walls_at_other_places_is_refused():
         scene(Wall("south", 10.0)).restore(state)
 
 
+@pytest.mark.parametrize("edges", [dict(west="periodic"), dict(south="periodic")])
+def test_a_lone_floe_wider_than_a_period_is_refused(edges):
+    """It had been let through, and lay over itself."""
+    floes = Floes(5.0, 5.0, 10.0, 1.0)
+    Model(box(size=20.0, **edges), floes, contact=Contact()).advance(1.0)
+    with pytest.raises(InputError, match="period = 19 m; must be at least 2 times"):
+        Model(box(size=19.0, **edges), floes, contact=Contact())
+
+
 def test_a_floe_that_reaches_over_a_wall_is_refused_as_one_on_another_is():
     def scene(x, motion=0, **wall):
         walls = [Wall("west", 20.0, **wall)]

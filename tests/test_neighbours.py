@@ -58,13 +58,6 @@ def test_a_period_in_which_floes_could_meet_twice_is_refused():
         find_pairs(np.zeros(2), np.zeros(2), np.ones(2), (3.0, None))
 
 
-def test_a_period_in_which_a_lone_floe_would_meet_itself_is_refused():
-    """It had been let through, and pushed nothing."""
-    assert not len(find_pairs(np.zeros(1), np.zeros(1), np.ones(1), (2.1, None)).i)
-    with pytest.raises(InputError, match="period = 1.9 m; must be at least 2 times"):
-        find_pairs(np.zeros(1), np.zeros(1), np.ones(1), (1.9, None))
-
-
 def test_sorting_in_space_is_a_permutation_that_brings_neighbours_together():
     rng = np.random.default_rng(2)
     x, y = rng.uniform(0, 100, (2, 4000))
