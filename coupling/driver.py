@@ -42,6 +42,8 @@ The ledger of momentum [N s], per exchange and axis:
 
     host         change in the momentum of the host's water
 
+A host that takes the stress per ice area, or as a mean, makes the force of it itself, unseen from here: along such
+an axis the first four are nan, and so is the line's residual.
 `floes` and `other` are read from scalar outputs of the floes, `host` from those of the host; what a model does not offer
 is left open, and so is `budget` without the first two.
 """
@@ -78,6 +80,7 @@ OVER_ICE = {  # means over the ice, and what weights them
     "sea_ice_floe_bottom_water_flowing__y_z_component_of_stress": "sea_ice__area_fraction",
 }
 ON_WATER = "sea_ice_bottom_water_flowing__"  # stresses with this beginning are in the ledger
+BOTTOM = "_bottom_water_flowing__"  # stresses on the water, per cell area and per ice area
 MOMENTUM = "__domain_integral_of_{a}_component_of_momentum"  # ends of names of scalar outputs
 OTHERS = (
     "sea_ice_top_air_flowing__domain_time_integral_of_{a}_z_component_of_stress",
@@ -109,7 +112,10 @@ class Link(NamedTuple):
 
 
 class Exchange(NamedTuple):
-    """One line of the ledger; pairs are (x, y) [N s], None where no model says it (see the module's text)."""
+    """One line of the ledger; pairs are (x, y) [N s], None where no model says it (see the module's text).
+
+    The first four are NaN along an axis whose stress on the water the host takes in another way than per cell area.
+    """
 
     number: int
     time: float  # of the floes, at the end [s]
@@ -126,7 +132,7 @@ class Exchange(NamedTuple):
 
     @property
     def relative(self) -> float:
-        """The larger residual over the turnover."""
+        """The larger residual over the turnover; NaN where the stress of an axis is not seen."""
         worst = np.abs(self.exchange_residual).max()
         if self.budget_residual is not None:
             worst = max(worst, np.abs(self.budget_residual).max())
@@ -520,6 +526,7 @@ class Coupling:
     def _give_back(self, duration: float, means: Callable[[_Connection], np.ndarray]) -> _Impulse:
         """Give the host the means over an exchange."""
         total = _Impulse(np.zeros(2), np.zeros(2), np.zeros(2), set())
+        unseen: set[int] = set()
         for connection in self.to_host:
             values = means(connection)
             carried = connection.put(connection.carry(values))
@@ -532,6 +539,10 @@ class Coupling:
                 total.missed[axis] += missed * duration
                 total.axes.add(axis)
                 self._turnover += turned * duration
+            elif axis is not None and BOTTOM in connection.source:
+                unseen.add(axis)
+        for axis in unseen - total.axes:
+            total.given[axis] = total.taken[axis] = total.missed[axis] = np.nan
         return total
 
     def _accounts(self) -> dict[str, np.ndarray]:

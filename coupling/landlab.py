@@ -69,7 +69,8 @@ def cells_of(grid: ModelGrid) -> Grid:
     Raises
     ------
     InputError
-        (a ValueError) for networks and globes, whose cells are no polygons in a plane, and for grids without cells.
+        (a ValueError) for networks and globes, whose cells are no polygons in a plane, for grids without cells, and
+        for a grid that says that its axes are in another unit than metres.
     """
     if not isinstance(grid, _FLAT):
         names = ", ".join(kind.__name__ for kind in _FLAT)
@@ -78,8 +79,25 @@ def cells_of(grid: ModelGrid) -> Grid:
         raise InputError(
             f"{type(grid).__name__}: has no cells; must have nodes that others surround"
         )
+    for told in grid.axis_units:
+        if told != "-" and not _is_in(told, "m"):  # "-": nobody told it
+            raise InputError(
+                f"{type(grid).__name__}: axis_units is {str(told)!r}; must be 'm', floes are counted in metres"
+            )
     wet = grid.status_at_node[grid.node_at_cell] != grid.BC_NODE_IS_CLOSED
     return Grid.unstructured(grid.x_of_corner, grid.y_of_corner, grid.corners_at_cell, wet)
+
+
+def _is_in(told: str, units: str) -> bool:
+    """Whether the unit that a grid tells ("?" where nobody told it, "-" for a bare number) is this one."""
+    if told in (units, "?", "") or (told == "-" and units == "1"):
+        return True
+    import cf_units
+
+    try:
+        return bool(cf_units.Unit(told) == cf_units.Unit(units))
+    except ValueError:
+        return False
 
 
 def _is_per_area(row: Variable) -> bool:
@@ -142,7 +160,8 @@ class SeaIceFloes(Component):
     Raises
     ------
     InputError
-        A ValueError of one line: grids without cells, more than one source of floes, numbers that cannot be.
+        A ValueError of one line: grids without cells, axes or fields that are told to be in other units, more than
+        one source of floes, numbers that cannot be.
 
     Examples
     --------
@@ -215,6 +234,7 @@ class SeaIceFloes(Component):
         rescue: str | Path | None = None,
     ) -> None:
         cells = cells_of(grid)
+        _check_units(grid, "SeaIceFloes")
         for row in _INPUTS:
             if row.csdms not in grid.at_node:
                 _refuse_elsewhere(grid, row.csdms)
@@ -325,6 +345,7 @@ class SeaIceFloes(Component):
                 " SeaIceFloes was made; make a new one"
             )
         self._check_outputs("run_one_step")
+        _check_units(self._grid, "run_one_step")
         self._take_inputs()
         self._books.open()
         before = self._impulse()
@@ -511,6 +532,16 @@ def _check_looped(grid: ModelGrid, domain: Domain) -> None:
             raise InputError(
                 f"SeaIceFloes: the grid is looped along {axis}, but domain.{axis} = {getattr(domain, axis)} is not"
                 f" periodic over {wanted:g} m; make it so, or leave the domain out"
+            )
+
+
+def _check_units(grid: ModelGrid, what: str) -> None:
+    """InputError for a field whose numbers, as the grid tells, are in another unit than this component counts in."""
+    told = grid.at_node.units
+    for row in (*_INPUTS, *_OUTPUTS):
+        if row.csdms in grid.at_node and not _is_in(told[row.csdms], row.units):
+            raise InputError(
+                f"{what}: {row.csdms} is in {told[row.csdms]!r}; must be in {row.units!r}, nothing is converted here"
             )
 
 

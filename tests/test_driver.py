@@ -319,6 +319,20 @@ def test_explicit_names_come_first_and_what_nobody_fills_is_listed(ocean):
     assert ice.velocity[0].min() > 0
 
 
+def test_what_the_ledger_cannot_see_of_the_stress_is_nan_and_no_residual_of_zero(ocean):
+    """A host that takes a mean (or the stress per ice area) makes a force of it that nobody adds up."""
+    running = [name.replace("__", "__time_integral_of_", 1) for name in STRESS]
+    links = {name: Link(source, "mean") for name, source in zip(STRESS, running, strict=True)}
+    unseen = couple(ocean(), Ice(hexagons()), every=600.0, until=600.0, to_host=links)[0]
+    for pair in (unseen.from_host, unseen.to_host, unseen.undelivered, unseen.exchange_residual):
+        assert np.isnan(pair).all()
+    assert np.isnan(unseen.relative) and "nan" in str(unseen)
+    one = couple(
+        ocean(), Ice(hexagons()), every=600.0, until=600.0, to_host={STRESS[1]: links[STRESS[1]]}
+    )[0]
+    assert one.from_host[0] > 0 and np.isnan(one.from_host[1]) and np.isnan(one.relative)
+
+
 def test_ice_fraction_keeps_its_area_and_thickness_its_volume(ocean):
     """A host that asks for both gets Σ A c and Σ A c h as they were."""
     got = {}

@@ -406,6 +406,37 @@ def test_an_output_that_cannot_be_written_is_refused_in_one_line():
     assert ice.model.time == 0.0
 
 
+@pytest.mark.parametrize(
+    ("name", "units"), [(U, "cm/s"), (FRACTION, "%"), (THICKNESS, "cm"), (U, "knots?"), (U, "-")]
+)
+def test_numbers_that_the_grid_tells_in_another_unit_are_refused(name, units):
+    """Landlab keeps a unit with each field: 30 cm/s were a current of 30 m/s, and ice of 100 cm was 100 m thick."""
+    grid = RasterModelGrid((9, 10), xy_spacing=1000.0)
+    grid.add_zeros(name, at="node", units=units)
+    with pytest.raises(InputError, match=f"{name} is in '.*'; must be in"):
+        SeaIceFloes(grid, floes=some_floes(n=3))
+    grid.at_node.pop(name)
+    ice = SeaIceFloes(grid, floes=some_floes(n=3))
+    grid.at_node.pop(name)
+    grid.add_zeros(name, at="node", units=units)  # another component replaces it
+    with pytest.raises(InputError, match=f"run_one_step: {name} is in"):
+        ice.run_one_step(60.0)
+    assert ice.model.time == 0.0
+
+
+def test_units_may_be_written_in_other_words_or_not_be_told():
+    grid = RasterModelGrid((9, 10), xy_spacing=1000.0, xy_axis_units="metre")
+    for name, units in ((U, "m/s"), (V, "?"), (FRACTION, "-"), (STRESS[0], "N/m2")):
+        grid.add_zeros(name, at="node", units=units)
+    SeaIceFloes(grid, floes=some_floes(n=3)).run_one_step(60.0)
+
+
+@pytest.mark.parametrize("units", ["km", ("m", "km"), "degrees_east"])
+def test_a_grid_that_tells_other_axes_than_metres_is_refused(units):
+    with pytest.raises(InputError, match="axis_units is '.*'; must be 'm'"):
+        SeaIceFloes(RasterModelGrid((9, 10), xy_axis_units=units), floes=some_floes(n=3))
+
+
 def test_floes_are_a_data_record_with_the_cell_of_each():
     grid = RasterModelGrid((6, 6), xy_spacing=1000.0)
     ice = SeaIceFloes(
