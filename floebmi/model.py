@@ -17,6 +17,7 @@ friction has no angles.
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -239,15 +240,15 @@ class _Seen:
     floes : a copy of them then, to know whether they are still so
     list : the floes packed, with their neighbours and contact forces
     contacts : the pairs that push or hold each other
-    areas, weights : by the id of a grid
+    areas, weights : by grid
     """
 
     def __init__(self, floes: Floes) -> None:
         self.floes = floes
         self.list: Advance | None = None
         self.contacts: Contacts | None = None
-        self.areas: dict[int, Coverage] = {}
-        self.weights: dict[int, Weights] = {}
+        self.areas: dict[Grid, Coverage] = {}
+        self.weights: dict[Grid, Weights] = {}
 
 
 class Model:
@@ -626,7 +627,7 @@ class Model:
                     )
 
     def coverage(self, grid: Grid | None = None) -> Coverage:
-        """Exact areas of the floes in the cells of one of the model's grids, now; land has none.
+        """Exact areas of the floes in the cells of a grid, now; land has none.
 
         grid : default: the exchange grid
         """
@@ -634,27 +635,27 @@ class Model:
 
     def _areas(self, seen: _Seen, grid: Grid) -> Coverage:
         areas = seen.areas
-        if id(grid) not in areas:
+        if grid not in areas:
             f = self.floes
             ice = f.active & ~f.land
-            areas[id(grid)] = coverage(grid, f.x, f.y, f.radius, self.domain.period, of=ice)
-        return areas[id(grid)]
+            areas[grid] = coverage(grid, f.x, f.y, f.radius, self.domain.period, of=ice)
+        return areas[grid]
 
     def weights(self, grid: Grid) -> Weights:
-        """Floe-grid weights at the present places, on one of the model's grids."""
+        """Floe-grid weights at the present places, on a grid."""
         return self._weights(self._look(), grid)
 
     def _weights(self, seen: _Seen, grid: Grid) -> Weights:
         weights = seen.weights
-        if id(grid) not in weights:
+        if grid not in weights:
             f = self.floes
             if self.sampling == "overlap":
-                weights[id(grid)] = shares(self._areas(seen, grid), grid.wet)
+                weights[grid] = shares(self._areas(seen, grid), grid.wet)
             else:
-                weights[id(grid)] = floe_weights(
+                weights[grid] = floe_weights(
                     grid, f.x, f.y, f.radius, self.sampling, self.domain.period
                 )
-        return weights[id(grid)]
+        return weights[grid]
 
     def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
@@ -868,7 +869,26 @@ class Model:
         ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
         return np.divide(1.0, ice, out=np.zeros(self.grid.size), where=ice > 0)
 
-    # ---- restart -----------------------------------------------------------------------------------
+    # ---- copies and restart ------------------------------------------------------------------------
+
+    def __getstate__(self) -> dict[str, object]:
+        """What a copy or a pickle is made of: of the list of neighbours, whose arrays share memory, its marks."""
+        kept = self._kept(self._look())
+        s = self._state
+        memory = s.memory.by_number(len(self.floes)), np.arange(len(self.floes))
+        return vars(self) | {
+            "_state": replace(s, memory=Memory(*memory), kept=None),
+            "_marks": marks(kept, s.memory.number),
+            "_seen": None,
+            "_left": None,
+        }
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        vars(self).update(state)
+        listed = vars(self).pop("_marks")
+        self._seen = _Seen(self.floes.copy())
+        if len(listed.way):
+            self._advance().list_again(listed)
 
     def state(self) -> dict[str, object]:
         """All that a restart needs, as arrays, numbers and text that the model will not change."""

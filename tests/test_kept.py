@@ -1,5 +1,8 @@
 """A list of neighbours lasts over exchanges while it holds, and what is saved of it gives back the same bits."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -81,6 +84,24 @@ def test_a_list_lasts_over_exchanges_and_a_restart_amid_them_gives_the_same_bits
     assert go_on(second, 1).counters.rebuilds == go_on(model, 1).counters.rebuilds == lists
     assert same(go_on(model, 30), go_on(second, 30)) == []
     assert model.counters.rebuilds < lists + 15
+
+
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))]
+)
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_copy_goes_on_with_the_same_bits_and_shares_nothing(duplicate, edited):
+    model = amid(edges="closed", drift=0.0)
+    if edited:
+        model.floes.u[3] += 0.1
+        model.floes.active[5] = False
+    second, third = duplicate(model), duplicate(model)
+    assert same(second, model) == []
+    go_on(second)
+    assert second.ocean.grid is second.grid
+    assert same(third, model) == []
+    assert same(second, go_on(model)) == same(second, go_on(third)) == []
+    assert ("edits by the user" in second.ledger.accounts) == edited
 
 
 def test_a_restart_that_lists_floes_where_they_are_is_noticed():

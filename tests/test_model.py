@@ -33,6 +33,7 @@ from floebmi.kernels import FASTMATH
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
 from floebmi.pack import pack
+from floebmi.sampling import coverage
 from floebmi.sizes import PowerLaw, SingleSize
 
 DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
@@ -396,6 +397,14 @@ def test_a_floe_that_somebody_changes_is_seen_as_it_is_now():
     assert (before[1], len(model.contacts().i)) == (0, 1)
     model.floes.add(x=-60.0, y=0.0, radius=10.0, thickness=1.0)
     assert model.fields()["floe_count"].sum() == pytest.approx(3)
+
+
+def test_what_is_known_of_a_grid_is_not_told_of_another_that_took_its_place_in_memory():
+    model = pair()
+    for k in range(400):
+        grid = Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(2 + k % 7, 3))
+        there = set(coverage(grid, model.floes.x, model.floes.y, model.floes.radius).cell)
+        assert set(model.coverage(grid).cell) == set(model.weights(grid).cell) == there
 
 
 @pytest.mark.parametrize("kind", ["uniform", "rectilinear", "curvilinear", "unstructured"])
