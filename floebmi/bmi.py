@@ -45,7 +45,7 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
-from floebmi.quantities import unmasked
+from floebmi.quantities import flat, unmasked
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -312,6 +312,9 @@ class _Running:
 
     def wet_of(self, row: Variable) -> np.ndarray:
         return self._fluid(row.home.partition(".")[0]).grid.wet
+
+    def shape_of(self, row: Variable) -> tuple[int, ...]:
+        return self._fluid(row.home.partition(".")[0]).grid.shape
 
     def _fluid(self, name: str) -> "Fluid":
         return getattr(self.model, name)
@@ -638,7 +641,7 @@ class FloeBmi(Bmi):
     def set_value(self, name: str, src: np.ndarray) -> None:
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
         row, values = self._input(name)
-        given = _numbers(name, src, values.size)
+        given = flat(name, _numbers(name, src, values.size), self._now("set_value").shape_of(row))
         self._refuse_not_finite(row, given, None)
         values[:] = given
         self._now("set_value").taken_over(row)
@@ -647,7 +650,7 @@ class FloeBmi(Bmi):
         """Set an input in some cells."""
         row, values = self._input(name)
         inds = _indices(name, inds, values.size)
-        given = _numbers(name, src, inds.size)
+        given = _numbers(name, src, inds.size).ravel()
         self._refuse_not_finite(row, given, inds)
         values[inds] = given
         self._now("set_value_at_indices").taken_over(row)
@@ -841,13 +844,13 @@ def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
 
 
 def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
-    """The host's numbers as float64, flat."""
+    """The host's numbers as float64."""
     given = np.asarray(src)
     if given.dtype.kind not in "fiub":
         raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
     if given.size != size:
         raise InputError(f"{name}: {given.size} values; must be {size}")
-    return unmasked(src).ravel()
+    return unmasked(src)
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:

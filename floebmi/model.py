@@ -42,7 +42,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose
+from floebmi.errors import InputError, StabilityError, choose, in_line
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import (
     ACCOUNTS,
@@ -85,6 +85,7 @@ from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import (
     check,
+    flat,
     is_number,
     unmasked,
     words,
@@ -128,12 +129,14 @@ class _Cells:
         try:
             given = unmasked(values)
         except (TypeError, ValueError):
-            raise InputError(f"{self.name} = {values!r}: must be numbers") from None
+            raise InputError(
+                f"{self.name} = {in_line(values)}: must be numbers, without a unit"
+            ) from None
         if given.ndim and given.size != cells.size:
             raise InputError(
                 f"{self.name} has shape {given.shape}: must be one number or {cells.size} values, one a cell"
             )
-        cells[:] = given.ravel() if given.ndim else given
+        cells[:] = flat(self.name, given, fluid.grid.shape) if given.ndim else given
 
 
 class Fluid:
@@ -155,6 +158,11 @@ class Fluid:
     layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
         when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
     """
+
+    __slots__ = (
+        "grid", "impulse_x", "impulse_y", "last_x", "last_y", "undelivered", "layer_thickness",
+        "_set", "_sizes", "_given", "_curl",
+    )  # fmt: skip
 
     u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
 
@@ -364,6 +372,15 @@ class Model:
         # floes that touch are frozen together from the start, where bonds are listed
         self._state.memory = now.memory()
         self._seen.list = None
+        self._built = True
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """What a model is made of stays: walls, tables and files know it; `time` and what is in arrays may be set."""
+        if "_built" in vars(self) and not name.startswith("_") and name != "time":
+            raise AttributeError(
+                f"model.{name}: cannot be set; build another model, or edit the arrays of this one"
+            )
+        super().__setattr__(name, value)
 
     # ---- checks ------------------------------------------------------------------------------------
 
@@ -989,7 +1006,7 @@ class Model:
         s = self._state
         if not floes.same(self.floes):  # else an advance that was refused is undone
             self._accepted = None
-        self.floes = floes
+        vars(self)["floes"] = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
         self._left, self._seen = None, _Seen(floes.copy())

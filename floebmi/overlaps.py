@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.boundaries import Domain
-from floebmi.floes import Floes
+from floebmi.boundaries import Domain, check_domain
+from floebmi.floes import Floes, check_floes
 from floebmi.neighbours import find_pairs
 
 
@@ -32,7 +32,14 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     Returns
     -------
     list of `Overlap`: floe numbers i < j, overlap [m], share of the smaller radius [1]
+
+    Raises
+    ------
+    InputError
+        for what are no floes or no domain, and for values that no floe may have.
     """
+    check_domain(domain)
+    check_floes(floes)
     number = np.flatnonzero(floes.active)
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]
     if len(number) < 2:

@@ -399,6 +399,9 @@ def test_NaN_through_a_pointer_is_refused_by_the_update(scene: Path) -> None:
     assert component.get_current_time() == 60.0
     component.get_value_ptr(WIND[0])[5] = 3.0
     component.update()
+    turned = np.zeros(component.model.grid.shape).T
+    with pytest.raises(InputError, match=rf"{OCEAN[0]} has shape .*: must be .* rows and columns"):
+        component.set_value(OCEAN[0], turned)
 
 
 def test_NaN_on_dry_cells_is_accepted_and_does_not_spread(tmp_path: Path) -> None:
