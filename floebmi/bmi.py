@@ -37,6 +37,7 @@ This module imports little, so that `floebmi.FloeBmi` can be there as soon as th
 import sys
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -246,6 +247,7 @@ class _Running:
         scene, view = read_config(config_file)
         self.step = _exchange(scene)
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
+        self.start, self.calendar = scene.time.start, scene.time.calendar or "standard"
         built = scene.build()
         self.model: Model = built.model
         self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
@@ -430,14 +432,17 @@ class _Running:
             "mean": self._means() | means,
             "driven_by_scene": {name: self.drives(name) for name in ("ocean", "atmosphere")},
         }
-        save_restart(path, state, {"time": self.model.time})
+        date = {} if self.start is None else {"start": self.start, "calendar": self.calendar}
+        save_restart(path, state, {"time": self.model.time} | date)
 
     def load(self, path: Path) -> None:
+        from floebmi.clock import refuse_other_start
         from floebmi.output import load_restart
 
-        state, _ = load_restart(path)
+        state, told = load_restart(path)
         if set(state) != {"model", "mean", "driven_by_scene"}:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
+        refuse_other_start(self.start, self.calendar, told)
         with self.unchanged_on_failure():
             self.model.restore(state["model"])
             if self.capacity:
@@ -751,7 +756,7 @@ class FloeBmi(Bmi):
 
     def _row(self, name: str) -> Variable | Scalar:
         rows = self._rows()
-        if name not in rows:
+        if not isinstance(name, str) or name not in rows:
             raise InputError(f"variable {name!r}: not in this component; {choose(name, rows)}")
         return rows[name]
 
@@ -768,7 +773,7 @@ class FloeBmi(Bmi):
 
     def _layout(self, grid: int) -> Layout:
         layouts = self._now("grid").layouts
-        if grid not in layouts:
+        if not isinstance(grid, Integral) or grid not in layouts:
             raise InputError(f"grid {grid!r}: unknown; allowed: {', '.join(map(str, layouts))}")
         return layouts[grid]
 

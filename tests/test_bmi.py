@@ -1,5 +1,6 @@
 """FloeBmi: what the conformance test cannot see, and what the how-to promises."""
 
+import json
 import os
 import re
 import sys
@@ -265,6 +266,38 @@ def test_an_update_whose_checkpoint_fails_leaves_everything_as_it_was(
     restored = started(scene)
     restored.load_state(folder / "now.nc")
     assert same(everything(component), everything(restored))
+
+
+def test_what_is_no_name_or_number_of_a_grid_is_refused(scene: Path) -> None:
+    component = started(scene)
+    for wrong in (["name"], {}, None, 3.5):
+        for call in (component.get_var_units, component.get_value_ptr, component.get_grid_size):
+            with pytest.raises(InputError, match="not in this component|unknown; allowed"):
+                call(wrong)
+
+
+def test_a_state_of_another_date_is_refused_with_table_and_key(scene: Path) -> None:
+    file, state = scene.parent / "bmi.toml", scene.parent / "state.nc"
+
+    def dated(*changes: str) -> FloeBmi:
+        file.write_text(f'[bmi]\nscene = "{scene.name}"\nset = {json.dumps(changes)}\n')
+        return started(file)
+
+    component = dated("time.start=1980-01-01")
+    component.update()
+    component.save_state(state)
+    same_date = dated("time.start=1980-01-01T00:00")
+    same_date.load_state(state)
+    for changes, said in (
+        (["time.start=1980-01-02"], "start = 1980-01-02, the restart's is 1980-01-01"),
+        (["time.start=1980-01-01", "time.calendar=noleap"], "calendar = noleap, the restart's is"),
+        ([], "start = none, the restart's is 1980-01-01"),
+    ):
+        with pytest.raises(InputError, match=rf"restart: \[time\] {said}"):
+            dated(*changes).load_state(state)
+    undated = dated()
+    undated.save_state(state)
+    same_date.load_state(state)  # written without one
 
 
 @pytest.mark.parametrize(
