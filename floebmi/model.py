@@ -516,8 +516,9 @@ class Model:
         seen = seen or self._look()
         if seen.list is None:
             self._state.fit(len(self.floes))
-            seen.list = self._advance()
-            seen.list.look(self._kept(seen))
+            now = self._advance()
+            now.look(self._kept(seen))
+            seen.list = now  # whole: Ctrl-C may come at any time
         return seen.list
 
     def _kept(self, seen: _Seen) -> Kept | None:
@@ -562,26 +563,33 @@ class Model:
         self._at = tuple(by_block(table, order) for table in self._tables)
         weights = self._sample(seen, order)
         before = self._state.copy()
-        if seen is not self._left:
-            self._book_edits(advance)
         seen.list = None  # the steps use it up, even if they fail
         try:
+            if seen is not self._left:
+                self._book_edits(advance)
             advance.run(duration, self._at, self.time)
             self._at = advance.at
             self._book_forces()
             self._state.ledger.now = advance.stock()
             self._check_energy(self.time + duration)
+            if len(self.floes) != known:
+                self._tables = self._allocate()
+            left = _Seen(self._state.kept.floes)
+            after = {
+                "_left": left, "_seen": left, "_accepted": left.floes, "time": self.time + duration,
+                "_last_duration": duration,
+            }  # fmt: skip
+            gifts, given = self._gifts(weights, advance.order)
         except BaseException:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        self._give_back(weights, advance.order)
-        if len(self.floes) != known:
-            self._tables = self._allocate()
-        self._left = self._seen = _Seen(self._state.kept.floes)
-        self._accepted = self._seen.floes
-        self.time += duration
-        self._last_duration = duration
+        # Ctrl-C finds all of an exchange or nothing of it: in compiled code it waits, and no other is left
+        vars(self).update(after)
+        if given is not None:
+            self.ocean._given = given
+        for weighted, fluids in gifts:
+            give_back(*weighted, fluids)
         self._warn_of_lag(duration)
 
     def _check_energy(self, time: float) -> None:
@@ -718,8 +726,13 @@ class Model:
             x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
-    def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
-        """The fluids get the opposite of the impulse that their drag gave."""
+    def _gifts(
+        self, weights: dict[int, Weights], order: np.ndarray
+    ) -> tuple[list[tuple], tuple | None]:
+        """For `give_back`, by grid: weights and order, fluids, which get the opposite of the impulse that drag gave;
+        and what the sizes of the ocean's drag are found from.
+        """
+        given = None
         gifts: dict[int, list[tuple[np.ndarray, ...]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
@@ -729,9 +742,9 @@ class Model:
                 lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
             ))  # fmt: skip
             if isinstance(force, OceanDrag):
-                f._given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
-        for grid, fluids in gifts.items():
-            give_back(*weights[grid][:-1], order, tuple(fluids))
+                given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
+        by_grid = [((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in gifts.items()]
+        return by_grid, given
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
+import floebmi.model
 from floebmi.advance import Advance
 from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, Coulomb, TensileStrength
@@ -212,6 +213,31 @@ def test_a_failed_exchange_leaves_the_list_as_it_was(monkeypatch):
     after = model.state()
     assert all(np.array_equal(before[name], after[name]) for name in before)
     assert same(go_on(model, 3), go_on(second, 3)) == []
+
+
+def test_ctrl_c_finds_all_of_an_exchange_or_nothing_of_it(monkeypatch):
+    whole, cut = amid(), amid()
+
+    def pressed_in(place, name):
+        call = getattr(place, name)
+
+        def pressed(*arguments):
+            call(*arguments)
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(place, name, pressed)
+            with pytest.raises(KeyboardInterrupt):
+                cut.advance(0.01)
+
+    for place, name in (
+        (Advance, "_go_on"), (Advance, "_touch"), (Advance, "run"), (Model, "_check_energy"), (Model, "_gifts"),
+    ):  # fmt: skip
+        pressed_in(place, name)
+        assert same(cut, whole) == [], name
+    pressed_in(floebmi.model, "give_back")  # compiled: the key is heard when it is through
+    assert same(cut, go_on(whole, 1)) == []
+    assert same(go_on(cut), go_on(whole)) == []
 
 
 def test_the_scheme_of_the_paper_goes_on_without_ice():
