@@ -588,8 +588,7 @@ class Model:
         vars(self).update(after)
         if given is not None:
             self.ocean._given = given
-        for weighted, fluids in gifts:
-            give_back(*weighted, fluids)
+        self._give_back(gifts)
         self._warn_of_lag(duration)
 
     def _check_energy(self, time: float) -> None:
@@ -726,12 +725,16 @@ class Model:
             x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
+    @staticmethod
+    def _give_back(gifts: list[tuple]) -> None:
+        """The fluids get the opposite of the impulse that their drag gave."""
+        for weighted, fluids in gifts:
+            give_back(*weighted, fluids)
+
     def _gifts(
         self, weights: dict[int, Weights], order: np.ndarray
     ) -> tuple[list[tuple], tuple | None]:
-        """For `give_back`, by grid: weights and order, fluids, which get the opposite of the impulse that drag gave;
-        and what the sizes of the ocean's drag are found from.
-        """
+        """For `_give_back`, by grid: weights and order, fluids; and what the sizes of the ocean's drag are found from."""
         given = None
         gifts: dict[int, list[tuple[np.ndarray, ...]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
