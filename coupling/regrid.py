@@ -50,9 +50,9 @@ from typing import TYPE_CHECKING, Literal, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.grid import Grid
+from floebmi.grid import Grid, check_grid
 from floebmi.projection import to_plane
-from floebmi.quantities import is_number, unmasked
+from floebmi.quantities import flat, is_number, unmasked
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -92,7 +92,7 @@ class Regrid:
     Raises
     ------
     InputError
-        for grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
+        for what are no grids, grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
         beyond 90 degrees, a target that reaches more than 60 degrees from its middle (two rectilinear grids may),
         a radius that is not greater than 0.
 
@@ -121,12 +121,14 @@ class Regrid:
             raise InputError(
                 f"regrid: surface = {surface!r}: {choose(surface, ('plane', 'sphere'))}"
             )
+        check_grid("source", source)
+        check_grid("target", target)
         overlap, drawn_area, target_area = (
             _overlaps_plane(source, target)
             if surface == "plane"
             else _overlaps_sphere(source, target, radius)
         )
-        area = drawn_area if source_area is None else _areas(source_area, source.wet, drawn_area)
+        area = drawn_area if source_area is None else _areas(source_area, source, drawn_area)
         self._assemble(source, target, surface, overlap, area, target_area)
         if self.overlap.nnz == 0:
             raise InputError(
@@ -185,7 +187,7 @@ class Regrid:
         InputError
             for a wrong size, or a value on a wet cell that is not finite.
         """
-        values = self._check(values, self.source.size, self._used, "source")
+        values = self._check(values, self.source, self._used, "source")
         scale = self._scale(normalisation)
         return np.where(self._row_sum > 0, (self.overlap @ values) * scale, empty)
 
@@ -208,7 +210,7 @@ class Regrid:
             for a wrong size, or a value on a covered cell that is not finite.
         """
         covered = np.flatnonzero(self._row_sum)
-        values = self._check(values, self.target.size, covered, "target")
+        values = self._check(values, self.target, covered, "target")
         given = np.zeros(self.target.size)
         given[covered] = (values * self.target_area * self._scale(normalisation))[covered]
         return (self.overlap.T @ given) / self.source_area
@@ -223,7 +225,7 @@ class Regrid:
         InputError
             for a wrong size, or a value on a wet cell that is not finite.
         """
-        values = self._check(values, self.target.size, np.flatnonzero(self.target.wet), "target")
+        values = self._check(values, self.target, np.flatnonzero(self.target.wet), "target")
         part = np.where(self._row_sum > 0, 0.0, 1.0)
         if _by_area(normalisation):
             part = 1.0 - self.covered
@@ -236,10 +238,13 @@ class Regrid:
         return 1.0 / np.where(self._row_sum > 0, self._row_sum, 1.0)
 
     @staticmethod
-    def _check(values: np.ndarray, size: int, used: np.ndarray, side: str) -> np.ndarray:
-        values = unmasked(values).ravel()
-        if values.size != size:
-            raise InputError(f"regrid: {values.size} values for {size} cells of the {side} grid")
+    def _check(values: np.ndarray, grid: Grid, used: np.ndarray, side: str) -> np.ndarray:
+        values = unmasked(values)
+        if values.size != grid.size:
+            raise InputError(
+                f"regrid: {values.size} values for {grid.size} cells of the {side} grid"
+            )
+        values = flat(f"regrid: field on the {side} grid", values, grid.shape)
         bad = used[~np.isfinite(values[used])]
         if bad.size:
             raise InputError(
@@ -314,6 +319,8 @@ class Regrid:
         import netCDF4
         from scipy.sparse import csr_array
 
+        check_grid("source", source)
+        check_grid("target", target)
         path = Path(path)
         if not path.is_file():
             raise InputError(f"{path}: there is no such file")
@@ -387,6 +394,7 @@ def project(grid: Grid, projection: str) -> Grid:
     InputError
         for an unknown projection, or corners that have no place in it.
     """
+    check_grid("grid", grid)
     x, y = to_plane(projection, grid.node_x, grid.node_y)
     outside = np.flatnonzero(~(np.isfinite(x) & np.isfinite(y)))
     if outside.size:
@@ -424,6 +432,7 @@ def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:
     InputError
         for a radius [m] that is not greater than 0.
     """
+    check_grid("grid", grid)
     _check_radius(radius)
     if grid.x_edges is not None and grid.y_edges is not None:
         south, north = np.radians(grid.y_edges[:-1]), np.radians(grid.y_edges[1:])
@@ -448,11 +457,12 @@ def _by_area(normalisation: Normalisation) -> bool:
     return normalisation == "destination_area"
 
 
-def _areas(values: np.ndarray, wet: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+def _areas(values: np.ndarray, source: Grid, drawn: np.ndarray) -> np.ndarray:
     """The host's areas; dry cells, which take no part, have those that were drawn."""
-    values = unmasked(values).ravel()
+    values, wet = unmasked(values), source.wet
     if values.size != wet.size:
         raise InputError(f"regrid: source_area has {values.size} values for {wet.size} cells")
+    values = flat("regrid: source_area", values, source.shape)
     bad = np.flatnonzero(wet & ~((values > 0) & np.isfinite(values)))
     if bad.size:
         raise InputError(

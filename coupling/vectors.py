@@ -33,8 +33,8 @@ from typing import Literal, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.grid import Grid
-from floebmi.quantities import unmasked
+from floebmi.grid import Grid, check_grid
+from floebmi.quantities import flat, unmasked
 
 Where = Literal["u", "v", "corners"]
 
@@ -150,7 +150,7 @@ class Staggered:
             wet = np.bincount(points, weights=grid.wet[cells], minlength=size)
             self.open = wet == around
         else:
-            which = _of_points("open", open, size)
+            which = _of_points("open", open, self.shape)
             if not np.isin(which, (0, 1)).all():
                 k = int(np.argmin(np.isin(which, (0, 1))))
                 raise InputError(f"open[{k}] = {which[k]}: must be bool, or 0 or 1")
@@ -158,7 +158,7 @@ class Staggered:
         if area is None:
             self.area = np.bincount(points, weights=grid.area[cells] / around, minlength=size)
         else:
-            self.area = _of_points("area", area, size)
+            self.area = _of_points("area", area, self.shape)
             wrong = self.open & ~(np.isfinite(self.area) & (self.area > 0))
             if wrong.any():
                 k = int(np.argmax(wrong))
@@ -209,7 +209,7 @@ class Staggered:
         InputError
             for a wrong size, or a value on an open point that is not finite.
         """
-        values = _finite("point", _of_points("values", values, self.open.size), self.open)
+        values = _finite("point", _of_points("values", values, self.shape), self.open)
         return self.weights.T @ values
 
     def undelivered(self, values: np.ndarray) -> float:
@@ -223,9 +223,10 @@ class Staggered:
         return float((self._on_cells(values) * self.grid.area)[self._alone].sum())
 
     def _on_cells(self, values: np.ndarray) -> np.ndarray:
-        values = unmasked(values).ravel()
+        values = unmasked(values)
         if values.size != self.grid.size:
             raise InputError(f"{values.size} values for {self.grid.size} cells")
+        values = flat("field on the cells", values, self.grid.shape)
         return _finite("cell", values, self.grid.wet)
 
     def __repr__(self) -> str:
@@ -235,15 +236,16 @@ class Staggered:
 
 
 def _structured(grid: Grid) -> None:
+    check_grid("grid", grid)
     if len(grid.shape) != 2:
         raise InputError(f"{grid!r}: has no rows and columns; must be rectilinear or curvilinear")
 
 
-def _of_points(name: str, values: np.ndarray, size: int) -> np.ndarray:
-    values = unmasked(values).ravel()
+def _of_points(name: str, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    values, size = unmasked(values), shape[0] * shape[1]
     if values.size != size:
         raise InputError(f"{name}: {values.size} values for {size} points")
-    return values
+    return flat(name, values, shape)
 
 
 def _finite(place: str, values: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -37,6 +37,7 @@ This module imports little, so that `floebmi.FloeBmi` can be there as soon as th
 import sys
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -45,7 +46,7 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
-from floebmi.quantities import unmasked
+from floebmi.quantities import flat, unmasked
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -246,6 +247,7 @@ class _Running:
         scene, view = read_config(config_file)
         self.step = _exchange(scene)
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
+        self.start, self.calendar = scene.time.start, scene.time.calendar or "standard"
         built = scene.build()
         self.model: Model = built.model
         self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
@@ -312,6 +314,9 @@ class _Running:
 
     def wet_of(self, row: Variable) -> np.ndarray:
         return self._fluid(row.home.partition(".")[0]).grid.wet
+
+    def shape_of(self, row: Variable) -> tuple[int, ...]:
+        return self._fluid(row.home.partition(".")[0]).grid.shape
 
     def _fluid(self, name: str) -> "Fluid":
         return getattr(self.model, name)
@@ -427,14 +432,17 @@ class _Running:
             "mean": self._means() | means,
             "driven_by_scene": {name: self.drives(name) for name in ("ocean", "atmosphere")},
         }
-        save_restart(path, state, {"time": self.model.time})
+        date = {} if self.start is None else {"start": self.start, "calendar": self.calendar}
+        save_restart(path, state, {"time": self.model.time} | date)
 
     def load(self, path: Path) -> None:
+        from floebmi.clock import refuse_other_start
         from floebmi.output import load_restart
 
-        state, _ = load_restart(path)
+        state, told = load_restart(path)
         if set(state) != {"model", "mean", "driven_by_scene"}:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
+        refuse_other_start(self.start, self.calendar, told)
         with self.unchanged_on_failure():
             self.model.restore(state["model"])
             if self.capacity:
@@ -638,7 +646,7 @@ class FloeBmi(Bmi):
     def set_value(self, name: str, src: np.ndarray) -> None:
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
         row, values = self._input(name)
-        given = _numbers(name, src, values.size)
+        given = flat(name, _numbers(name, src, values.size), self._now("set_value").shape_of(row))
         self._refuse_not_finite(row, given, None)
         values[:] = given
         self._now("set_value").taken_over(row)
@@ -647,7 +655,7 @@ class FloeBmi(Bmi):
         """Set an input in some cells."""
         row, values = self._input(name)
         inds = _indices(name, inds, values.size)
-        given = _numbers(name, src, inds.size)
+        given = _numbers(name, src, inds.size).ravel()
         self._refuse_not_finite(row, given, inds)
         values[inds] = given
         self._now("set_value_at_indices").taken_over(row)
@@ -748,7 +756,7 @@ class FloeBmi(Bmi):
 
     def _row(self, name: str) -> Variable | Scalar:
         rows = self._rows()
-        if name not in rows:
+        if not isinstance(name, str) or name not in rows:
             raise InputError(f"variable {name!r}: not in this component; {choose(name, rows)}")
         return rows[name]
 
@@ -765,7 +773,7 @@ class FloeBmi(Bmi):
 
     def _layout(self, grid: int) -> Layout:
         layouts = self._now("grid").layouts
-        if grid not in layouts:
+        if not isinstance(grid, Integral) or grid not in layouts:
             raise InputError(f"grid {grid!r}: unknown; allowed: {', '.join(map(str, layouts))}")
         return layouts[grid]
 
@@ -841,13 +849,13 @@ def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
 
 
 def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
-    """The host's numbers as float64, flat."""
+    """The host's numbers as float64."""
     given = np.asarray(src)
     if given.dtype.kind not in "fiub":
         raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
     if given.size != size:
         raise InputError(f"{name}: {given.size} values; must be {size}")
-    return unmasked(src).ravel()
+    return unmasked(src)
 
 
 def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:

@@ -1,12 +1,13 @@
 """Where the ice ends: edges of the domain, walls, and an edge where floes come in."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.dynamics import WALL
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
 from floebmi.quantities import NonNegative, Positive, check, is_number
@@ -131,8 +132,11 @@ def check_domain(domain: Domain) -> None:
         raise InputError(f"domain = {domain!r}: must be a Domain")
     for name in ("x", "y"):
         pair = getattr(domain, name)
-        if np.shape(pair) != (2,) or not all(map(is_number, pair)):
-            raise InputError(f"domain.{name} = {pair!r}: must be two numbers (low, high) [m]")
+        two = isinstance(pair, Sequence | np.ndarray) and np.shape(pair) == (2,)
+        if not two or not all(map(is_number, pair)):
+            raise InputError(
+                f"domain.{name} = {in_line(pair)}: must be two numbers (low, high) [m]"
+            )
         low, high = pair
         if not high > low:
             raise InputError(f"domain.{name} = ({low}, {high}): the second must be larger")

@@ -226,6 +226,7 @@ def run(
       restart.nc    the state at the end, or where the run was stopped
       paraview/     if [output] paraview = true
     """
+    from floebmi.clock import refuse_other_start
     from floebmi.explain import drag_warnings
     from floebmi.output import load_restart
     from floebmi.running import run as run_model
@@ -252,7 +253,7 @@ def run(
     if state is not None:
         with _of(f"--restart {restart}"):
             model.restore(state)
-            _check_start(read, told)
+            refuse_other_start(read.time.start, read.time.calendar, told)
         read.tilt_sea(model)
     left = schedule.duration - model.time
     if left <= 0:
@@ -297,22 +298,6 @@ def run(
             err=True,
         )
         sys.exit(130)
-
-
-def _check_start(read: "Scene", told: dict[str, Any]) -> None:
-    """InputError if time 0 of a restart file has a date, and the scene has another or none."""
-    from floebmi.clock import date_of, same_calendar
-
-    if "start" not in told:  # written without one
-        return
-    start, calendar = read.time.start, read.time.calendar or "standard"
-    if not same_calendar(calendar, told["calendar"]):
-        key, value, other = "calendar", calendar, told["calendar"]
-    elif start is None or date_of(start, calendar) != date_of(told["start"], calendar):
-        key, value, other = "start", start or "none", told["start"]
-    else:
-        return
-    raise InputError(f"restart: [time] {key} = {value}, the restart's is {other}; must be the same")
 
 
 def _going_on(

@@ -8,7 +8,8 @@ the first 29 February.  Between two records fields change linearly.
 from __future__ import annotations
 
 import datetime
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -203,6 +204,26 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
             f"{name} = {start!r}: not a date of the calendar {calendar!r}; give one such as '1979-01-16' or"
             " '1979-01-16T18:00'"
         ) from None
+
+
+def refuse_other_start(
+    start: Date | None, calendar: Calendar | None, told: Mapping[str, Any]
+) -> None:
+    """InputError if time 0 of a restart file has a date, and that of the scene is another or none.
+
+    start, calendar : of the scene's [time], None where it has none
+    told : attributes of the restart file; without a start they were written for a scene that had none
+    """
+    if "start" not in told:
+        return
+    calendar = calendar or "standard"
+    if not same_calendar(calendar, told["calendar"]):
+        key, value, other = "calendar", calendar, told["calendar"]
+    elif start is None or date_of(start, calendar) != date_of(told["start"], calendar):
+        key, value, other = "start", start or "none", told["start"]
+    else:
+        return
+    raise InputError(f"restart: [time] {key} = {value}, the restart's is {other}; must be the same")
 
 
 def _dates(array: xr.DataArray, where: str) -> np.ndarray:

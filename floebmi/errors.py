@@ -16,6 +16,11 @@ class StabilityError(RuntimeError):
     """A run left its bounds; its text names floe, time, step, and what would hold."""
 
 
+def in_line(value: object) -> str:
+    """A value as Python shows it, in one line: arrays and tables take several."""
+    return " ".join(repr(value).split())
+
+
 def choose(word: object, allowed: Iterable[str]) -> str:
     """The end of an error message: the allowed words, and the nearest one if one is near.
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -323,12 +324,16 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
     InputError
         for a dimension of unknown meaning (choose an index with `select`), or an unstructured mesh.
     """
+    if not isinstance(select, Mapping | None):
+        raise InputError(f"select = {select!r}: must be a dict such as {{'member': 3}}")
     array, select = file.data[name], dict(select or {})
     sizes = {str(d): n for d, n in array.sizes.items()}
     where = f"{file.label}: {name}({', '.join(sizes)})"
     for dim, index in select.items():
         if dim not in file.data.sizes:
             raise InputError(f"{where}: select {dim!r}: {choose(dim, map(str, file.data.sizes))}")
+        if not isinstance(index, Integral):
+            raise InputError(f"{where}: select {dim} = {index!r}: must be a whole number, an index")
         if dim in sizes and not -sizes[dim] <= index < sizes[dim]:
             raise InputError(f"{where}: select {dim} = {index}: it has {sizes[dim]} entries")
     fixed = {d: i for d, i in select.items() if d in sizes}

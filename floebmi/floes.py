@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.arrays import all_finite, same_bits
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 from floebmi.quantities import unmasked
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
@@ -125,6 +125,8 @@ class Floes:
     >>> floes.mass(density=934.0).round(1)
     array([293424.8, 422531.6,  73356.2])
     """
+
+    __slots__ = "_n", "_columns"  # another name is a slip of the pen, not one more property
 
     x = _Column()
     y = _Column()
@@ -341,11 +343,20 @@ class Floes:
             self._columns[name] = grown
 
 
+def check_floes(floes: object) -> None:
+    """InputError for what are no floes, and for values that no floe may have, such as an edit can leave behind."""
+    if not isinstance(floes, Floes):
+        raise InputError(f"floes = {floes!r}: must be of the kind Floes")
+    floes.check()
+
+
 def _numbers(name: str, value: ArrayLike) -> np.ndarray:
     try:
         array = unmasked(value)
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r}: must be a number or a row of numbers") from None
+        raise InputError(
+            f"{name} = {in_line(value)}: must be a number or a row of numbers, without a unit"
+        ) from None
     if array.ndim > 1:
         raise InputError(f"{name} has shape {array.shape}: must be a number or a row of numbers")
     return array

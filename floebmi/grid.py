@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple, final
 
 import numpy as np
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 from floebmi.kernels import jit
 from floebmi.quantities import is_number, unmasked
 
@@ -27,6 +27,7 @@ Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructure
 
 MOST_CELLS = 2**31 - 1  # numbers of cells are int32
 FLAT = 1e-12  # a cell whose area is below this times its diameter squared has no inside
+IN_DEGREES = "(in degrees, longitudes must not jump from one count to another; a grid around a pole needs the metres of a plane)"
 SLOTS_PER_COLUMN = 16  # upper bound on the table along an axis, for strongly stretched edges
 
 
@@ -241,8 +242,7 @@ class Grid:
             turned = np.flatnonzero(area < 0 if (area > 0).sum() >= area.size / 2 else area > 0)
             raise InputError(
                 f"grid: cell (row {turned[0] // nx}, column {turned[0] % nx}) is turned over:"
-                " the grid must not fold (in degrees, longitudes must not jump from one count to another; a"
-                " grid around a pole needs the metres of a plane)"
+                f" the grid must not fold {IN_DEGREES}"
             )
         return cls._from_faces("curvilinear", (ny, nx), x.ravel(), y.ravel(), faces, wet)
 
@@ -257,7 +257,7 @@ class Grid:
         """Polygons, convex or concave, with corners at nodes [m]; cells that touch share nodes.
 
         `faces` holds the node numbers (from 0) of each cell, as a list of lists or an integer array
-        padded with -1 on the right.  Meshes come in both orientations: a clockwise face is stored
+        padded with -1 on the right, or masked there.  Meshes come in both orientations: a clockwise face is stored
         counter-clockwise, its first node first.
 
         Raises
@@ -409,10 +409,10 @@ class Grid:
         -------
         (n,) int64
         """
-        x, y = np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y))
+        x, y = np.broadcast_arrays(np.atleast_1d(unmasked(x)), np.atleast_1d(unmasked(y)))
         west, east, south, north = self.bounds
         inside = (west <= x) & (x <= east) & (south <= y) & (y <= north)
-        x, y = x[inside].astype(np.float64), y[inside].astype(np.float64)
+        x, y = x[inside], y[inside]
         if self.x_edges is not None:
             i = np.searchsorted(self.x_edges, x, side="right") - 1
             j = np.searchsorted(self.y_edges, y, side="right") - 1
@@ -436,6 +436,12 @@ class Grid:
             f"Grid({self.kind}, {cells} cells, {int(self.wet.sum())} wet,"
             f" x {west:g} … {east:g} m, y {south:g} … {north:g} m)"
         )
+
+
+def check_grid(name: str, grid: object) -> None:
+    """InputError for what is no grid."""
+    if not isinstance(grid, Grid):
+        raise InputError(f"{name} = {in_line(grid)}: must be a Grid")
 
 
 def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
@@ -511,17 +517,24 @@ def _mask(wet: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
 
 def _face_table(faces: np.ndarray | Sequence[Sequence[int]], n_nodes: int) -> np.ndarray:
     """Faces as a fresh integer array padded with -1, its node numbers checked."""
-    if isinstance(faces, np.ndarray):
-        if faces.ndim != 2 or not np.issubdtype(faces.dtype, np.integer):
+    if isinstance(faces, list | tuple):
+        rows = [np.asarray(face) for face in faces]
+        for c, row in enumerate(rows):
+            if row.ndim != 1 or (row.size and row.dtype.kind not in "iu"):
+                raise InputError(f"grid: faces[{c}] = {faces[c]!r}: must be a row of integers")
+        table = np.full((len(rows), max((row.size for row in rows), default=0)), -1, np.int64)
+        for filled, row in zip(table, rows, strict=True):
+            filled[: row.size] = row
+    else:
+        array = np.asanyarray(faces)
+        if array.ndim != 2 or array.dtype.kind not in "iu":
             raise InputError(
-                f"grid: faces is {faces.dtype} of shape {faces.shape}:"
+                f"grid: faces is {array.dtype} of shape {array.shape}:"
                 " must be integers (cells, corners)"
             )
-        table = faces.astype(np.int64)
-    else:
-        table = np.full((len(faces), max((len(f) for f in faces), default=0)), -1, np.int64)
-        for row, face in zip(table, faces, strict=True):
-            row[: len(face)] = face
+        table = array.astype(np.int64)
+        if isinstance(table, np.ma.MaskedArray):  # as netCDF4 gives faces of fewer corners
+            table = table.filled(-1)
     if table.size == 0:
         raise InputError("grid: faces is empty: must hold one cell or more")
     corners = (table >= 0).sum(axis=1)
@@ -555,7 +568,7 @@ def _check_edges_once(faces: np.ndarray) -> None:
         pair = cell[(directed == (a, b)).all(axis=1)]
         raise InputError(
             f"grid: cells {pair[0]} and {pair[1]} lie on the same side of the edge from node {a} to"
-            f" node {b}: cells must not overlap"
+            f" node {b}: cells must not overlap {IN_DEGREES}"
         )
 
 

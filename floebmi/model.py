@@ -17,6 +17,7 @@ friction has no angles.
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -41,7 +42,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose
+from floebmi.errors import InputError, StabilityError, choose, in_line
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import (
     ACCOUNTS,
@@ -84,6 +85,7 @@ from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import (
     check,
+    flat,
     is_number,
     unmasked,
     words,
@@ -127,12 +129,14 @@ class _Cells:
         try:
             given = unmasked(values)
         except (TypeError, ValueError):
-            raise InputError(f"{self.name} = {values!r}: must be numbers") from None
+            raise InputError(
+                f"{self.name} = {in_line(values)}: must be numbers, without a unit"
+            ) from None
         if given.ndim and given.size != cells.size:
             raise InputError(
                 f"{self.name} has shape {given.shape}: must be one number or {cells.size} values, one a cell"
             )
-        cells[:] = given.ravel() if given.ndim else given
+        cells[:] = flat(self.name, given, fluid.grid.shape) if given.ndim else given
 
 
 class Fluid:
@@ -154,6 +158,11 @@ class Fluid:
     layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
         when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
     """
+
+    __slots__ = (
+        "grid", "impulse_x", "impulse_y", "last_x", "last_y", "undelivered", "layer_thickness",
+        "_set", "_sizes", "_given", "_curl",
+    )  # fmt: skip
 
     u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
 
@@ -239,15 +248,15 @@ class _Seen:
     floes : a copy of them then, to know whether they are still so
     list : the floes packed, with their neighbours and contact forces
     contacts : the pairs that push or hold each other
-    areas, weights : by the id of a grid
+    areas, weights : by grid
     """
 
     def __init__(self, floes: Floes) -> None:
         self.floes = floes
         self.list: Advance | None = None
         self.contacts: Contacts | None = None
-        self.areas: dict[int, Coverage] = {}
-        self.weights: dict[int, Weights] = {}
+        self.areas: dict[Grid, Coverage] = {}
+        self.weights: dict[Grid, Weights] = {}
 
 
 class Model:
@@ -363,6 +372,15 @@ class Model:
         # floes that touch are frozen together from the start, where bonds are listed
         self._state.memory = now.memory()
         self._seen.list = None
+        self._built = True
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """What a model is made of stays: walls, tables and files know it; `time` and what is in arrays may be set."""
+        if "_built" in vars(self) and not name.startswith("_") and name != "time":
+            raise AttributeError(
+                f"model.{name}: cannot be set; build another model, or edit the arrays of this one"
+            )
+        super().__setattr__(name, value)
 
     # ---- checks ------------------------------------------------------------------------------------
 
@@ -498,8 +516,9 @@ class Model:
         seen = seen or self._look()
         if seen.list is None:
             self._state.fit(len(self.floes))
-            seen.list = self._advance()
-            seen.list.look(self._kept(seen))
+            now = self._advance()
+            now.look(self._kept(seen))
+            seen.list = now  # whole: Ctrl-C may come at any time
         return seen.list
 
     def _kept(self, seen: _Seen) -> Kept | None:
@@ -544,26 +563,32 @@ class Model:
         self._at = tuple(by_block(table, order) for table in self._tables)
         weights = self._sample(seen, order)
         before = self._state.copy()
-        if seen is not self._left:
-            self._book_edits(advance)
         seen.list = None  # the steps use it up, even if they fail
         try:
+            if seen is not self._left:
+                self._book_edits(advance)
             advance.run(duration, self._at, self.time)
             self._at = advance.at
             self._book_forces()
             self._state.ledger.now = advance.stock()
             self._check_energy(self.time + duration)
+            if len(self.floes) != known:
+                self._tables = self._allocate()
+            left = _Seen(self._state.kept.floes)
+            after = {
+                "_left": left, "_seen": left, "_accepted": left.floes, "time": self.time + duration,
+                "_last_duration": duration,
+            }  # fmt: skip
+            gifts, given = self._gifts(weights, advance.order)
         except BaseException:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        self._give_back(weights, advance.order)
-        if len(self.floes) != known:
-            self._tables = self._allocate()
-        self._left = self._seen = _Seen(self._state.kept.floes)
-        self._accepted = self._seen.floes
-        self.time += duration
-        self._last_duration = duration
+        # Ctrl-C finds all of an exchange or nothing of it: in compiled code it waits, and no other is left
+        vars(self).update(after)
+        if given is not None:
+            self.ocean._given = given
+        self._give_back(gifts)
         self._warn_of_lag(duration)
 
     def _check_energy(self, time: float) -> None:
@@ -626,7 +651,7 @@ class Model:
                     )
 
     def coverage(self, grid: Grid | None = None) -> Coverage:
-        """Exact areas of the floes in the cells of one of the model's grids, now; land has none.
+        """Exact areas of the floes in the cells of a grid, now; land has none.
 
         grid : default: the exchange grid
         """
@@ -634,27 +659,27 @@ class Model:
 
     def _areas(self, seen: _Seen, grid: Grid) -> Coverage:
         areas = seen.areas
-        if id(grid) not in areas:
+        if grid not in areas:
             f = self.floes
             ice = f.active & ~f.land
-            areas[id(grid)] = coverage(grid, f.x, f.y, f.radius, self.domain.period, of=ice)
-        return areas[id(grid)]
+            areas[grid] = coverage(grid, f.x, f.y, f.radius, self.domain.period, of=ice)
+        return areas[grid]
 
     def weights(self, grid: Grid) -> Weights:
-        """Floe-grid weights at the present places, on one of the model's grids."""
+        """Floe-grid weights at the present places, on a grid."""
         return self._weights(self._look(), grid)
 
     def _weights(self, seen: _Seen, grid: Grid) -> Weights:
         weights = seen.weights
-        if id(grid) not in weights:
+        if grid not in weights:
             f = self.floes
             if self.sampling == "overlap":
-                weights[id(grid)] = shares(self._areas(seen, grid), grid.wet)
+                weights[grid] = shares(self._areas(seen, grid), grid.wet)
             else:
-                weights[id(grid)] = floe_weights(
+                weights[grid] = floe_weights(
                     grid, f.x, f.y, f.radius, self.sampling, self.domain.period
                 )
-        return weights[id(grid)]
+        return weights[grid]
 
     def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
@@ -700,8 +725,17 @@ class Model:
             x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
-    def _give_back(self, weights: dict[int, Weights], order: np.ndarray) -> None:
+    @staticmethod
+    def _give_back(gifts: list[tuple]) -> None:
         """The fluids get the opposite of the impulse that their drag gave."""
+        for weighted, fluids in gifts:
+            give_back(*weighted, fluids)
+
+    def _gifts(
+        self, weights: dict[int, Weights], order: np.ndarray
+    ) -> tuple[list[tuple], tuple | None]:
+        """For `_give_back`, by grid: weights and order, fluids; and what the sizes of the ocean's drag are found from."""
+        given = None
         gifts: dict[int, list[tuple[np.ndarray, ...]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
@@ -711,9 +745,9 @@ class Model:
                 lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
             ))  # fmt: skip
             if isinstance(force, OceanDrag):
-                f._given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
-        for grid, fluids in gifts.items():
-            give_back(*weights[grid][:-1], order, tuple(fluids))
+                given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
+        by_grid = [((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in gifts.items()]
+        return by_grid, given
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
@@ -868,7 +902,26 @@ class Model:
         ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
         return np.divide(1.0, ice, out=np.zeros(self.grid.size), where=ice > 0)
 
-    # ---- restart -----------------------------------------------------------------------------------
+    # ---- copies and restart ------------------------------------------------------------------------
+
+    def __getstate__(self) -> dict[str, object]:
+        """What a copy or a pickle is made of: of the list of neighbours, whose arrays share memory, its marks."""
+        kept = self._kept(self._look())
+        s = self._state
+        memory = s.memory.by_number(len(self.floes)), np.arange(len(self.floes))
+        return vars(self) | {
+            "_state": replace(s, memory=Memory(*memory), kept=None),
+            "_marks": marks(kept, s.memory.number),
+            "_seen": None,
+            "_left": None,
+        }
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        vars(self).update(state)
+        listed = vars(self).pop("_marks")
+        self._seen = _Seen(self.floes.copy())
+        if len(listed.way):
+            self._advance().list_again(listed)
 
     def state(self) -> dict[str, object]:
         """All that a restart needs, as arrays, numbers and text that the model will not change."""
@@ -969,7 +1022,7 @@ class Model:
         s = self._state
         if not floes.same(self.floes):  # else an advance that was refused is undone
             self._accepted = None
-        self.floes = floes
+        vars(self)["floes"] = floes
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
         self._left, self._seen = None, _Seen(floes.copy())

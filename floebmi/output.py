@@ -137,7 +137,7 @@ class _GrowingFile:
         self._count = 0
         self._last = -np.inf
         self._closed = False
-        _check_target(self.path, overwrite)
+        check_target(self.path, overwrite)
 
     def close(self) -> None:
         """Close the file; nothing can be written afterwards."""
@@ -418,7 +418,8 @@ class TrajectoryWriter(_GrowingFile):
 # ---- what stands in the files -----------------------------------------------------------------
 
 
-def _check_target(path: Path, overwrite: bool) -> None:
+def check_target(path: Path, overwrite: bool) -> None:
+    """InputError for a place where no file can be made, or where one stands that may not be replaced."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}")
     if path.is_dir():
@@ -962,7 +963,7 @@ def save_restart(
     """
 
     path = Path(path)
-    _check_target(path, overwrite=True)
+    check_target(path, overwrite=True)
     flat = dict(_flatten(state, ()))
     packed = {name: _pack(name, value) for name, value in flat.items()}
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.boundaries import Domain
-from floebmi.floes import Floes
+from floebmi.boundaries import Domain, check_domain
+from floebmi.floes import Floes, check_floes
 from floebmi.neighbours import find_pairs
 
 
@@ -36,8 +36,11 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     Raises
     ------
     InputError
-        if a period is so short that two floes could meet on both sides, or a lone floe itself.
+        for what are no floes or no domain, values that no floe may have, and a period so short that two floes
+        could meet on both sides, or a lone floe itself.
     """
+    check_domain(domain)
+    check_floes(floes)
     number = np.flatnonzero(floes.active)
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]
     pairs = find_pairs(x, y, r, domain.period)

@@ -22,11 +22,11 @@ from numpy.typing import ArrayLike
 from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import Coast, land_geometry, read_features
 from floebmi.errors import InputError, choose
-from floebmi.floes import FIXED_X, FIXED_Y, Floes
+from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
 from floebmi.grid import Grid
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
-from floebmi.quantities import FARTHEST, is_number, number_in, unmasked
+from floebmi.quantities import FARTHEST, flat, is_number, number_in, unmasked
 from floebmi.sampling import check_period
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
@@ -403,9 +403,10 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
     Raises
     ------
     InputError
-        for a domain, or rings of land, that cannot be.
+        for floes, a domain, or rings of land, that cannot be.
     """
     check_domain(domain)
+    check_floes(floes)
     if not floes.active.any():
         return 0.0
     here = np.flatnonzero(floes.active)
@@ -670,7 +671,7 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
         raise InputError(
             f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"
         )
-    return np.broadcast_to(values.ravel() if values.ndim else values, grid.size)
+    return np.broadcast_to(flat(name, values, grid.shape) if values.ndim else values, grid.size)
 
 
 def _generator(seed: int) -> np.random.Generator:

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import ArrayLike
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
@@ -65,18 +65,47 @@ def unmasked(values: ArrayLike) -> np.ndarray:
     Raises
     ------
     InputError
-        for what is not real: numpy would take numbers out of texts, and leave out the imaginary part of others.
+        for what is not real, or has a unit: numpy would take numbers out of texts, and leave out an imaginary part or
+        a unit.
     """
+    if _has_unit(values):
+        raise InputError(f"{in_line(values)}: must be numbers without a unit")
     array = np.asanyarray(values)
     if array.dtype.kind not in "fiubO":  # objects may be numbers, as in columns of pandas
         raise InputError(f"values of type {array.dtype}: must be real numbers")
+    if array.dtype.kind == "O" and any(isinstance(value, str | bytes) for value in array.flat):
+        raise InputError("texts among the values: must be real numbers")
     if isinstance(array, np.ma.MaskedArray):
         return array.astype(np.float64).filled(np.nan)
     return np.asarray(array, np.float64)
 
 
+def _has_unit(values: object) -> bool:
+    """Whether it is a quantity of astropy, pint or unyt."""
+    return hasattr(values, "to") and (hasattr(values, "unit") or hasattr(values, "units"))
+
+
+def flat(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Values of cells or points (size,), which came so, or in the rows and columns of `shape`.
+
+    Raises
+    ------
+    InputError
+        for rows and columns of another shape, as of an array that is turned over: its values would come to other cells.
+    """
+    given, right = ([n for n in lengths if n != 1] for lengths in (values.shape, shape))
+    if len(given) > 1 and given != right:
+        size = math.prod(shape)
+        raise InputError(
+            f"{name} has shape {values.shape}: must be {shape}, rows and columns, or ({size},)"
+        )
+    return values.ravel()
+
+
 def is_number(value: object) -> bool:
-    """Whether it is one finite real number, be it of numpy or another array library: no text, no flag, no row."""
+    """Whether it is one finite real number, be it of numpy or another array library: no text, no flag, no row, no unit."""
+    if _has_unit(value):
+        return False
     array = np.asarray(value)
     real = array.ndim == 0 and array.dtype.kind in "iuf" and value is not np.ma.masked
     return real and bool(np.isfinite(array))

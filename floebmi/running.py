@@ -151,7 +151,7 @@ def run(
     Raises
     ------
     InputError
-        for a duration or an interval that cannot be, a file that exists, or forcing that does not reach.
+        for a duration or an interval that cannot be, a file that exists or is named twice, or forcing that does not reach.
     StabilityError
         if floes leave what the step resolves.
 
@@ -163,7 +163,7 @@ def run(
     >>> model.floes.x
     array([60.])
     """
-    from floebmi.output import save_restart
+    from floebmi.output import check_target, save_restart
 
     total = _positive("duration", duration)
     every = total / 20 if every is None else _positive("every", every)
@@ -182,11 +182,15 @@ def run(
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
     files = [Path(path) for path in (gridded, trajectories) if path is not None]
+    last = None if restart is None else Path(restart)
+    _refuse_one_file_for_two(files if last is None else [*files, last])
+    if last is not None:
+        check_target(last, overwrite)
     finished, first_steps = True, None
     kept, saved = model.state(), time.monotonic()
     of_state = dict(attributes or {})
     if reference is not None:
-        of_state |= {"start": reference, "calendar": calendar}
+        of_state |= {"start": str(reference), "calendar": calendar}
     with contextlib.ExitStack() as stack:
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(
@@ -238,6 +242,14 @@ def run(
         finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,
         first_steps or 0, model.counters, model.ledger, tuple(files),
     )  # fmt: skip
+
+
+def _refuse_one_file_for_two(files: Sequence[Path]) -> None:
+    for k, path in enumerate(files):
+        if path.resolve() in (other.resolve() for other in files[:k]):
+            raise InputError(
+                f"run: {path}: is named twice; gridded, trajectories and restart must be files of their own"
+            )
 
 
 def check_forcing(source: "VelocitySource", fluid: "Fluid", start: float, end: float) -> None:

@@ -1,5 +1,6 @@
 """FloeBmi: what the conformance test cannot see, and what the how-to promises."""
 
+import json
 import os
 import re
 import sys
@@ -267,6 +268,38 @@ def test_an_update_whose_checkpoint_fails_leaves_everything_as_it_was(
     assert same(everything(component), everything(restored))
 
 
+def test_what_is_no_name_or_number_of_a_grid_is_refused(scene: Path) -> None:
+    component = started(scene)
+    for wrong in (["name"], {}, None, 3.5):
+        for call in (component.get_var_units, component.get_value_ptr, component.get_grid_size):
+            with pytest.raises(InputError, match="not in this component|unknown; allowed"):
+                call(wrong)
+
+
+def test_a_state_of_another_date_is_refused_with_table_and_key(scene: Path) -> None:
+    file, state = scene.parent / "bmi.toml", scene.parent / "state.nc"
+
+    def dated(*changes: str) -> FloeBmi:
+        file.write_text(f'[bmi]\nscene = "{scene.name}"\nset = {json.dumps(changes)}\n')
+        return started(file)
+
+    component = dated("time.start=1980-01-01")
+    component.update()
+    component.save_state(state)
+    same_date = dated("time.start=1980-01-01T00:00")
+    same_date.load_state(state)
+    for changes, said in (
+        (["time.start=1980-01-02"], "start = 1980-01-02, the restart's is 1980-01-01"),
+        (["time.start=1980-01-01", "time.calendar=noleap"], "calendar = noleap, the restart's is"),
+        ([], "start = none, the restart's is 1980-01-01"),
+    ):
+        with pytest.raises(InputError, match=rf"restart: \[time\] {said}"):
+            dated(*changes).load_state(state)
+    undated = dated()
+    undated.save_state(state)
+    same_date.load_state(state)  # written without one
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -366,10 +399,10 @@ def test_an_update_that_fails_leaves_everything_as_it_was(scene: Path) -> None:
         one.update()
     component.model.floes.u[0] = other.model.floes.u[0] = 0.12
     before, state = everything(component), deepcopy(component.model.state())
-    component._running.model.advance = failing_after(component.model.advance)
+    vars(component.model)["advance"] = failing_after(component.model.advance)
     with pytest.raises(StabilityError):
         component.update_until(400.0)
-    del component._running.model.advance
+    del component.model.advance
     assert component.get_current_time() == 60.0
     assert same(before, everything(component))
     after = component.model.state()
@@ -399,6 +432,9 @@ def test_NaN_through_a_pointer_is_refused_by_the_update(scene: Path) -> None:
     assert component.get_current_time() == 60.0
     component.get_value_ptr(WIND[0])[5] = 3.0
     component.update()
+    turned = np.zeros(component.model.grid.shape).T
+    with pytest.raises(InputError, match=rf"{OCEAN[0]} has shape .*: must be .* rows and columns"):
+        component.set_value(OCEAN[0], turned)
 
 
 def test_NaN_on_dry_cells_is_accepted_and_does_not_spread(tmp_path: Path) -> None:

@@ -40,6 +40,18 @@ def test_area_volume_mass_and_moment_of_inertia_are_those_of_a_cylinder():
     np.testing.assert_allclose(floes.moment_of_inertia(934.0), mass * [4.0, 100.0] / 2)
 
 
+class Kilometres(np.ndarray):
+    """As astropy and unyt have them: numbers that convert to bare ones in silence."""
+
+    unit = "km"
+
+    def __new__(cls, values):
+        return np.asarray(values).view(cls)
+
+    def to(self, unit):
+        raise NotImplementedError
+
+
 @pytest.mark.parametrize(
     "given, said",
     [
@@ -58,6 +70,8 @@ def test_area_volume_mass_and_moment_of_inertia_are_those_of_a_cylinder():
         ({"y": [0.0, 1.0, 2.0]}, "different numbers of values (x 2, y 3); must be as many"),
         ({"u": [[0.0]]}, "u has shape (1, 1)"),
         ({"u": "fast"}, "u = 'fast': must be a number"),
+        ({"u": np.array(["1", 2.0], object)}, "u = array(['1', 2.0], dtype=object): must be"),
+        ({"radius": Kilometres([1.0, 2.0])}, "radius = Kilometres([1., 2.]): must be a number"),
         ({"angle": 1.0}, "angle is given for floes that do not rotate"),
     ],
 )
@@ -83,6 +97,11 @@ def test_a_refused_assignment_names_the_property_and_leaves_it_as_it_was(name, v
     with pytest.raises(InputError, match=said):
         setattr(floes, name, values)
     assert floes.same(before)
+
+
+def test_a_name_that_floes_do_not_have_is_no_new_property():
+    with pytest.raises(AttributeError, match="thicknes"):
+        three().thicknes = 2.0
 
 
 def test_a_refused_addition_names_the_floe_it_would_have_been_and_leaves_all_as_it_was():

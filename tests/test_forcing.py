@@ -753,6 +753,9 @@ def test_of_wind_at_several_heights_that_at_10_m_is_taken_and_of_pressures_none(
         ({"mask": "wett"}, "no such variable"),
         ({"variables": "uo"}, "two names"),
         ({"select": {"levle": 1}}, "levle"),
+        ({"select": {"x": "a"}}, "select x = 'a': must be a whole number"),
+        ({"select": {"x": 1.5}}, "select x = 1.5: must be a whole number"),
+        ({"select": "x"}, "select = 'x': must be a dict"),
         ({"projection": "EPSG:4326"}, "metres"),
     ],
 )

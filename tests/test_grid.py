@@ -192,12 +192,33 @@ NOTCH = ([0.0, 4.0, 4.0, 0.0, 2.0], [0.0, 0.0, 4.0, 4.0, 0.0])
             lambda: Grid.rectilinear(np.ma.masked_array([0, 1e20], [False, True]), [0, 1]),
             r"x_edges\[1\] = nan",
         ),
+        (
+            lambda: Grid.unstructured(*SQUARE, [[0, 1, 2.7]]),
+            r"faces\[0\] = .*: must be a row of int",
+        ),
+        (lambda: Grid.unstructured(*SQUARE, [["0", "1", "2"]]), "must be a row of integers"),
+        (lambda: Grid.unstructured(*SQUARE, [0, 1, 2]), r"faces\[0\] = 0: must be a row"),
+        (lambda: Grid.unstructured(*SQUARE, None), "faces is object"),
+        (
+            lambda: Grid.unstructured(
+                [160, 170, -170, 160, 170, -170], [70] * 3 + [80] * 3, [[0, 1, 4, 3], [1, 2, 5, 4]]
+            ),
+            "must not overlap .in degrees, longitudes must not jump",
+        ),
     ],
 )
 def test_a_grid_that_is_none_is_refused_in_one_line(make, says):
     with pytest.raises(InputError, match=says) as refusal:
         make()
     assert "\n" not in str(refusal.value)
+
+
+def test_a_corner_under_a_mask_is_none_and_a_place_under_a_mask_is_nowhere():
+    faces = np.ma.masked_array([[0, 1, 2, 3], [0, 1, 2, 3]], [[False] * 4, [False] * 3 + [True]])
+    square, triangle = Grid.unstructured(*SQUARE, faces[:1]), Grid.unstructured(*SQUARE, faces[1:])
+    assert (square.area, triangle.area) == (1.0, 0.5)
+    places = np.ma.masked_array([0.5, 0.5], [False, True])
+    np.testing.assert_array_equal(square.locate(places, 0.25), [0, -1])
 
 
 def test_a_five_pointed_star_is_refused_though_it_turns_one_way_only():

@@ -1,8 +1,12 @@
 """A list of neighbours lasts over exchanges while it holds, and what is saved of it gives back the same bits."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
+import floebmi.model
 from floebmi.advance import Advance
 from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, Coulomb, TensileStrength
@@ -81,6 +85,24 @@ def test_a_list_lasts_over_exchanges_and_a_restart_amid_them_gives_the_same_bits
     assert go_on(second, 1).counters.rebuilds == go_on(model, 1).counters.rebuilds == lists
     assert same(go_on(model, 30), go_on(second, 30)) == []
     assert model.counters.rebuilds < lists + 15
+
+
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))]
+)
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_copy_goes_on_with_the_same_bits_and_shares_nothing(duplicate, edited):
+    model = amid(edges="closed", drift=0.0)
+    if edited:
+        model.floes.u[3] += 0.1
+        model.floes.active[5] = False
+    second, third = duplicate(model), duplicate(model)
+    assert same(second, model) == []
+    go_on(second)
+    assert second.ocean.grid is second.grid
+    assert same(third, model) == []
+    assert same(second, go_on(model)) == same(second, go_on(third)) == []
+    assert ("edits by the user" in second.ledger.accounts) == edited
 
 
 def test_a_restart_that_lists_floes_where_they_are_is_noticed():
@@ -191,6 +213,31 @@ def test_a_failed_exchange_leaves_the_list_as_it_was(monkeypatch):
     after = model.state()
     assert all(np.array_equal(before[name], after[name]) for name in before)
     assert same(go_on(model, 3), go_on(second, 3)) == []
+
+
+def test_ctrl_c_finds_all_of_an_exchange_or_nothing_of_it(monkeypatch):
+    whole, cut = amid(), amid()
+
+    def pressed_in(place, name):
+        call = getattr(place, name)
+
+        def pressed(*arguments):
+            call(*arguments)
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(place, name, pressed)
+            with pytest.raises(KeyboardInterrupt):
+                cut.advance(0.01)
+
+    for place, name in (
+        (Advance, "_go_on"), (Advance, "_touch"), (Advance, "run"), (Model, "_check_energy"), (Model, "_gifts"),
+    ):  # fmt: skip
+        pressed_in(place, name)
+        assert same(cut, whole) == [], name
+    pressed_in(floebmi.model, "give_back")  # compiled: the key is heard when it is through
+    assert same(cut, go_on(whole, 1)) == []
+    assert same(go_on(cut), go_on(whole)) == []
 
 
 def test_the_scheme_of_the_paper_goes_on_without_ice():

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+import xarray as xr
 
 from floebmi import dynamics
 from floebmi.bonds import TensileStrength
@@ -33,6 +34,8 @@ from floebmi.kernels import FASTMATH
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
 from floebmi.pack import pack
+from floebmi.packing import relax
+from floebmi.sampling import coverage
 from floebmi.sizes import PowerLaw, SingleSize
 
 DOMAIN = Domain((-100.0, 100.0), (-100.0, 100.0))
@@ -229,6 +232,40 @@ def test_speeds_of_no_current_wind_or_floe_are_refused_before_drag_is_after_them
         model.advance(1.0)
 
 
+def test_rows_and_columns_of_another_shape_are_refused_they_would_come_to_other_cells():
+    grid = Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(2, 3))
+    model = pair(forces=[OceanDrag()], grid=grid)
+    model.ocean.u = grid.x.reshape(1, 2, 3)
+    np.testing.assert_array_equal(model.ocean.u, grid.x)
+    with pytest.raises(InputError, match=r"u has shape \(3, 2\): must be \(2, 3\), rows and"):
+        model.ocean.u = grid.x.reshape(2, 3).T
+    np.testing.assert_array_equal(model.ocean.u, grid.x)
+
+
+def test_what_a_model_is_made_of_cannot_be_changed_nor_a_name_misspelt():
+    model = pair(contact=cohesive(), forces=[OceanDrag()])
+    for name in ("contact", "domain", "floes", "forces", "grid", "ocean", "step", "stpe"):
+        with pytest.raises(AttributeError, match=f"model.{name}: cannot be set; build another"):
+            setattr(model, name, None)
+    with pytest.raises(AttributeError, match="velocity"):
+        model.ocean.velocity = 0.1
+    model.time = 3.0
+    model.advance(1.0)
+    assert model.time == 4.0
+
+
+def test_what_is_asked_for_its_overlaps_must_be_floes():
+    floes = Floes([0.0, 5.0], 0.0, 10.0, 1.0)
+    for wrong in ((None, DOMAIN), (floes, None)):
+        for ask in (overlapping, relax):
+            with pytest.raises(InputError, match="(floes|domain) = None: must be"):
+                ask(*wrong)
+    floes.x[1] = np.nan  # no number is above what is allowed
+    for ask in (overlapping, relax):
+        with pytest.raises(InputError, match="floe 1: x = nan m"):
+            ask(floes, DOMAIN)
+
+
 @pytest.mark.parametrize(
     ("part", "said"),
     [
@@ -236,6 +273,7 @@ def test_speeds_of_no_current_wind_or_floe_are_refused_before_drag_is_after_them
         ({"domain": ((0, 1), (0, 1))}, "domain = .*: must be a Domain"),
         ({"domain": Domain(100.0, (0, 1))}, "domain.x = 100.0: must be two numbers"),
         ({"domain": Domain((0, "1"), (0, 1))}, "domain.x = .*: must be two numbers"),
+        ({"domain": Domain(xr.DataArray([0, 1]), (0, 1))}, "domain.x = .*: must be two numbers"),
         ({"grid": (10, 10)}, "grid = .*: must be a Grid"),
         ({"walls": Wall("west")}, "walls = .*: must be a list of Wall"),
         ({"inflow": [Wall("west")]}, "inflow = .*: must be a list of Inflow"),
@@ -396,6 +434,14 @@ def test_a_floe_that_somebody_changes_is_seen_as_it_is_now():
     assert (before[1], len(model.contacts().i)) == (0, 1)
     model.floes.add(x=-60.0, y=0.0, radius=10.0, thickness=1.0)
     assert model.fields()["floe_count"].sum() == pytest.approx(3)
+
+
+def test_what_is_known_of_a_grid_is_not_told_of_another_that_took_its_place_in_memory():
+    model = pair()
+    for k in range(400):
+        grid = Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(2 + k % 7, 3))
+        there = set(coverage(grid, model.floes.x, model.floes.y, model.floes.radius).cell)
+        assert set(model.coverage(grid).cell) == set(model.weights(grid).cell) == there
 
 
 @pytest.mark.parametrize("kind", ["uniform", "rectilinear", "curvilinear", "unstructured"])

@@ -388,6 +388,8 @@ def test_a_field_value_that_cannot_be_used_is_refused_on_wet_cells_only(name, va
     assert len(from_field(grid.with_wet(wet), sizes=SingleSize(50.0), **fields)) > 100
     with pytest.raises(InputError, match="area_fraction has shape"):
         from_field(grid, np.zeros(3), 1.0, SingleSize(50.0))
+    with pytest.raises(InputError, match=r"area_fraction has shape \(2, 8\): must be \(4, 4\)"):
+        from_field(grid, np.zeros((2, 8)), 1.0, SingleSize(50.0))
 
 
 @pytest.mark.parametrize("lattice, neighbours", [("hexagonal", 6), ("square", 4)])

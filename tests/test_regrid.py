@@ -466,6 +466,8 @@ def test_what_cannot_be_used_is_refused_in_one_line():
         (lambda: Regrid(source, target, "sphere"), "latitude"),
         (lambda: regrid.state(u), "nan on wet cell 17 of the source"),
         (lambda: regrid.state(u[:-1]), "cells of the source"),
+        (lambda: regrid.state(u.reshape(source.shape).T), "rows and columns, or"),
+        (lambda: Regrid(source, target, source_area=source.area.reshape(source.shape).T), "source_area has shape"),
         (lambda: regrid.flux(u[:3]), "cells of the target"),
         (lambda: regrid.flux(np.full(target.size, np.inf)), "inf on wet cell 0 of the target"),
         (lambda: regrid.state(np.ones(source.size), "fracarea"), "allowed: destination_area, fraction"),
@@ -481,6 +483,10 @@ def test_what_cannot_be_used_is_refused_in_one_line():
             "more than 20 degrees wide",
         ),
         (lambda: project(lonlat((2, 2), (0, 10, 60, 70)), "EPSG:nothing"), "EPSG:nothing"),
+        (lambda: Regrid(source, None), "target = None: must be a Grid"),
+        (lambda: Regrid.from_netcdf("weights.nc", [1.0], target), r"source = \[1.0\]: must be a Grid"),
+        (lambda: project(None, "EPSG:3413"), "grid = None"),
+        (lambda: sphere_area(None), "grid = None"),
     ]  # fmt: skip
     for call, text in cases:
         with pytest.raises(InputError, match=text) as caught:

@@ -96,6 +96,22 @@ def test_a_run_in_two_parts_gives_the_bits_of_one_run(tmp_path):
     np.testing.assert_array_equal(second.ocean.impulse_x, whole.ocean.impulse_x)
 
 
+def test_no_file_of_a_run_takes_the_place_of_another(tmp_path):
+    file, state = tmp_path / "a.nc", tmp_path / "b.nc"
+    for names in (("gridded", "trajectories"), ("gridded", "restart"), ("trajectories", "restart")):
+        with pytest.raises(InputError, match="a.nc: is named twice"):
+            run(drifting(), 10.0, **dict.fromkeys(names, file), overwrite=True)
+    run(drifting(), 10.0, gridded=file, restart=state, reference=np.datetime64("2001-02-03"))
+    assert load_restart(state)[1]["start"] == "2001-02-03"
+    for path in (file, state):
+        before = path.read_bytes()
+        with pytest.raises(InputError, match=f"{path.name}: exists already"):
+            run(drifting(), 20.0, restart=path)
+        assert path.read_bytes() == before
+    run(drifting(), 20.0, restart=state, overwrite=True)
+    assert load_restart(state)[0]["time"] == 20.0
+
+
 def test_many_exchanges_do_not_drift_from_the_clock():
     model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0))
     run(model, 10.0, exchange=0.1, every=1.0)

@@ -180,6 +180,15 @@ GRID = GRIDS["uniform"]
     [
         (lambda: Staggered(GRIDS["unstructured"], "u"), "rows and columns"),
         (lambda: axis_angle(GRIDS["unstructured"]), "rows and columns"),
+        (lambda: axis_angle(None), "grid = None: must be a Grid"),
+        (
+            lambda: Staggered(GRID, "u").flux(np.zeros((16, 9))),
+            r"cells has shape \(16, 9\): must be \(12, 12\)",
+        ),
+        (
+            lambda: Staggered(GRID, "u").state(np.zeros((13, 12))),
+            r"shape \(13, 12\): must be \(12, 13\)",
+        ),
         (lambda: Staggered(GRID, "faces"), "where = 'faces'.* u, v"),
         (lambda: Staggered(GRID, "u", open=np.ones(3)), "open: 3 values for 156 points"),
         (lambda: Staggered(GRID, "u", open=np.full(156, np.nan)), r"open\[0\] = nan"),
