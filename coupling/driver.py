@@ -71,6 +71,7 @@ if TYPE_CHECKING:
 Kind = Literal["integral", "mean"]
 
 SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
+COARSEST = 1e-6  # of an exchange interval: the most that a coarse clock may be off, for that part of the momentum is missed
 PER_AREA = ("stress", "flux", "area_fraction", "mass-per-area", "coefficient")
 OVER_ICE = {  # means over the ice, and what weights them
     "sea_ice__thickness": "sea_ice__area_fraction",
@@ -581,7 +582,8 @@ def _in_one_line(where: str) -> Iterator[None]:
 
 def _same_time(one: float, other: float, every: float) -> bool:
     """Whether two times [s] are one, but for round-off: a clock that counts from long ago has coarse seconds."""
-    return abs(one - other) <= SAME_TIME * every + 8 * np.spacing(max(abs(one), abs(other)))
+    coarse = 8 * float(np.spacing(max(abs(one), abs(other))))
+    return abs(one - other) <= SAME_TIME * every + min(coarse, COARSEST * every)
 
 
 def _check_kind(name: str, given: Mapping[Any, Any] | None, kind: type) -> None:
@@ -951,20 +953,29 @@ def _grid_of(told: Mapping[str, Any], number: int, location: str, of: str) -> Gr
     if kind == "uniform_rectilinear":
         (dy, dx), (y0, x0) = told["spacing"], told["origin"]
         if location == "face":  # the nodes are corners
-            return Grid.uniform(
-                (x0, x0 + (nx - 1) * dx), (y0, y0 + (ny - 1) * dy), shape=(ny - 1, nx - 1)
-            )
-        west, south = x0 - 0.5 * dx, y0 - 0.5 * dy
-        return Grid.uniform((west, west + nx * dx), (south, south + ny * dy), shape=(ny, nx))
+            ny, nx = ny - 1, nx - 1
+        else:
+            x0, y0 = x0 - 0.5 * dx, y0 - 0.5 * dy
+        x, y = (x0, x0 + nx * dx), (y0, y0 + ny * dy)
+        if dx > 0 and dy > 0:
+            return Grid.uniform(x, y, shape=(ny, nx))
+        return _between(np.linspace(*x, nx + 1), np.linspace(*y, ny + 1))
     if location == "face":
         if kind == "rectilinear":
-            return Grid.rectilinear(told["x"], told["y"])
+            return _between(told["x"], told["y"])
         return Grid.curvilinear(told["x"].reshape(ny, nx), told["y"].reshape(ny, nx))
     if kind == "rectilinear":
         edges = [_even_edges(told[axis]) for axis in ("x", "y")]
         if edges[0] is not None and edges[1] is not None:
-            return Grid.rectilinear(*edges)
+            return _between(*edges)
     raise InputError(unclear)
+
+
+def _between(x: np.ndarray, y: np.ndarray) -> Grid:
+    """Cells between edges that may fall, as those of rows from north to south do: cells keep the host's order."""
+    if x[0] < x[-1] and y[0] < y[-1]:
+        return Grid.rectilinear(x, y)
+    return Grid.curvilinear(*np.meshgrid(x, y))
 
 
 def _even_edges(centres: np.ndarray) -> np.ndarray | None:

@@ -179,10 +179,10 @@ class Altered:
 
 @pytest.fixture
 def ocean(tmp_path):
-    def started():
+    def started(kind=TwoSlabOcean):
         path = tmp_path / "ocean.toml"
         path.write_text(OCEAN)
-        model = TwoSlabOcean()
+        model = kind()
         model.initialize(str(path))
         return model
 
@@ -553,6 +553,32 @@ def test_cells_follow_from_what_bmi_tells_and_are_not_invented():
     for model in unclear:
         with pytest.raises(InputError, match="BMI does not tell its cells"):
             bmi_grid(model, "u")
+
+
+def test_rows_from_north_to_south_are_cells_in_that_order():
+    x, y = np.array([0.0, 1.0, 3.0]), np.array([9.0, 6.0, 5.0])
+    cells = bmi_grid(Told("rectilinear", "face", (3, 3), x=x, y=y), "u")
+    np.testing.assert_array_equal(cells.area, [3.0, 6.0, 1.0, 2.0])
+    np.testing.assert_array_equal(cells.y, [7.5, 7.5, 5.5, 5.5])
+    cells = bmi_grid(Told("rectilinear", "node", (2, 2), x=[0.0, 4.0], y=[6.0, 5.0]), "u")
+    np.testing.assert_array_equal(cells.y, [6.0, 6.0, 5.0, 5.0])
+    uniform = {"spacing": (-3.0, 2.0), "origin": (10.0, 1.0)}
+    cells = bmi_grid(Told("uniform_rectilinear", "node", (2, 2), **uniform), "u")
+    np.testing.assert_allclose(cells.y, [10.0, 10.0, 7.0, 7.0], rtol=1e-15)
+    cells = bmi_grid(Told("uniform_rectilinear", "face", (3, 2), **uniform), "u")
+    np.testing.assert_allclose(cells.y, [8.5, 5.5], rtol=1e-15)
+    np.testing.assert_allclose(cells.area, 6.0, rtol=1e-15)
+
+
+def test_a_host_that_is_late_does_not_hide_behind_a_clock_in_single_precision(ocean):
+    class Ago(TwoSlabOcean):
+        def get_current_time(self):
+            return np.float32(super().get_current_time() + 6e7)  # seconds in fours
+
+    with pytest.raises(
+        InputError, match="the host is at 60000000 s, the floes at 0 s, which should"
+    ):
+        couple(ocean(Ago), Ice(hexagons()), every=60.0, until=60.0, offset=6e7 + 2)
 
 
 def test_weights_made_before_are_used_and_must_fit(ocean):
