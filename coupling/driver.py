@@ -71,7 +71,6 @@ if TYPE_CHECKING:
 Kind = Literal["integral", "mean"]
 
 SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
-COARSEST = 1e-6  # of an exchange interval: the most that a coarse clock may be off, for that part of the momentum is missed
 PER_AREA = ("stress", "flux", "area_fraction", "mass-per-area", "coefficient")
 OVER_ICE = {  # means over the ice, and what weights them
     "sea_ice__thickness": "sea_ice__area_fraction",
@@ -582,8 +581,7 @@ def _in_one_line(where: str) -> Iterator[None]:
 
 def _same_time(one: float, other: float, every: float) -> bool:
     """Whether two times [s] are one, but for round-off: a clock that counts from long ago has coarse seconds."""
-    coarse = 8 * float(np.spacing(max(abs(one), abs(other))))
-    return abs(one - other) <= SAME_TIME * every + min(coarse, COARSEST * every)
+    return abs(one - other) <= SAME_TIME * every + 8 * np.spacing(max(abs(one), abs(other)))
 
 
 def _check_kind(name: str, given: Mapping[Any, Any] | None, kind: type) -> None:
@@ -625,13 +623,14 @@ class _Side:
         return f"{self.name} {self.model.get_component_name()!r}"
 
     def time(self) -> float:
-        return self.model.get_current_time() * self._second
+        # float: a clock in single precision would have all that is reckoned with it in single precision
+        return float(self.model.get_current_time()) * self._second
 
     def start_time(self) -> float:
-        return self.model.get_start_time() * self._second
+        return float(self.model.get_start_time()) * self._second
 
     def end_time(self) -> float:
-        return self.model.get_end_time() * self._second
+        return float(self.model.get_end_time()) * self._second
 
     def update_until(self, time: float, every: float) -> None:
         """To a time [s]; a model without update_until is stepped.  It must land there."""
