@@ -121,6 +121,35 @@ def test_the_third_law_holds_to_the_bit(law):
     assert now["y"][0] == -now["y"][1]
 
 
+@pytest.mark.parametrize("friction", [1.0, 3.0, 10.0])
+def test_energy_of_spinning_floes_that_stick_needs_short_steps(friction):
+    """The error of an oblique impact, over its energy, against steps that resolve it; as docs/extremes.md says."""
+
+    def energy(model):
+        f = model.floes
+        mass = model.ice_density * np.pi * f.radius**2 * f.thickness
+        return (0.5 * mass * (f.u**2 + f.v**2 + 0.5 * (f.radius * f.angular_velocity) ** 2)).sum()
+
+    def left(step, offset):
+        floes = Floes(
+            [0.0, 15.0], [0.0, 16.0 + offset], [10.0, 12.0], [1.0, 2.0], u=[1.0, 0.0],
+            rotation=True, angular_velocity=[0.1, -0.2],
+        )  # fmt: skip
+        model = Model(DOMAIN, floes, contact=frictional(friction), step=step)
+        before = energy(model)
+        model.advance(9.0)
+        return energy(model) / before - 1.0
+
+    def error(fraction):
+        return max(
+            abs(left(Step(fraction=fraction), offset) - left(Step(fraction=0.01), offset))
+            for offset in (0.0, 0.015, 0.03)
+        )
+
+    assert error(None) > 0.04
+    assert error(0.3) < 0.015
+
+
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 1e2])
 @pytest.mark.parametrize("wanted", [0.1, 0.5, 0.9])
 def test_restitution_is_met_for_any_mass_ratio_and_nothing_pulls_as_floes_part(ratio, wanted):
