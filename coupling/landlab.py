@@ -405,9 +405,8 @@ class SeaIceFloes(Component):
     @property
     def mass_outside(self) -> float:
         """Mass of the ice that lies in no cell [kg]."""
-        floes, model = self._model.floes, self._model
-        ice = floes.active & ~floes.land
-        return float(model.ice_density * (model.coverage().outside * floes.thickness[ice]).sum())
+        model = self._model
+        return float(model.ice_density * (model.coverage().outside @ model.floes.thickness))
 
     @property
     def data_record(self) -> DataRecord:
