@@ -346,8 +346,7 @@ class SeaIceFloes(Component):
                     f"{row.csdms}: {values[cell]} at node {self._grid.node_at_cell[cell]} at"
                     f" t = {model.time:g} s: must be finite"
                 )
-            fluid, _, name = row.home.partition(".")
-            array = getattr(getattr(model, fluid), name, None)
+            array = row.array_in(model)
             if array is not None:
                 array[:] = np.where(model.grid.wet, values, 0.0)
             elif values[model.grid.wet].any():

@@ -280,7 +280,7 @@ class _Running:
         for row in VARIABLES:
             values = None
             if row.intent == "in":
-                values = _at_home(model, row)
+                values = row.array_in(model)
             elif row.name in self.parts:
                 values = np.zeros(self.layouts[self.grid_of(row)].values)
             if values is not None:
@@ -794,11 +794,6 @@ def _exchange(scene: "Scene") -> float:
     if scene.output.every is not None:
         return float(scene.output.every)
     return float(scene.schedule().exchange)
-
-
-def _at_home(model: "Model", row: Variable) -> np.ndarray | None:
-    fluid, _, name = row.home.partition(".")
-    return getattr(getattr(model, fluid), name, None)
 
 
 def _is_input(row: Variable | Scalar) -> bool:
