@@ -216,12 +216,11 @@ def layout_of(grid: "Grid", faces: bool) -> Layout:
 
 def _faces(grid: "Grid") -> Layout:
     """Edge k of a face leads from its node k to the next one."""
+    from floebmi.grid import following_nodes
+
     real = grid.face_nodes >= 0
     count = real.sum(axis=1)
-    following = np.roll(grid.face_nodes, -1, axis=1)
-    last = np.arange(grid.size), count - 1
-    following[last] = grid.face_nodes[:, 0]
-    begin, end = grid.face_nodes[real], following[real]
+    begin, end = grid.face_nodes[real], following_nodes(grid.face_nodes)[real]
     edges, which = np.unique(
         np.stack([np.minimum(begin, end), np.maximum(begin, end)], axis=1),
         axis=0,

@@ -373,8 +373,6 @@ def stiffest(
             packed.floes,
             packed.inverse_x,
             packed.inverse_y,
-            packed.spinning,
-            packed.inverse_spin,
             pairs.i,
             pairs.j,
             walls,
@@ -386,8 +384,7 @@ def stiffest(
 
 @jit
 def _stiffest(
-    law, period_x, period_y, floes, inverse_x, inverse_y, spinning, inverse_spin,
-    pair_i, pair_j, walls, closing, widest,
+    law, period_x, period_y, floes, inverse_x, inverse_y, pair_i, pair_j, walls, closing, widest
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.

@@ -28,6 +28,7 @@ from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
 from floebmi.output import FILE_VERSION, open_file
+from floebmi.pairs import wrap
 from floebmi.running import Forcing
 from floebmi.scene import Built, Scene, Schedule, read_scene
 from floebmi.vorticity import gradient_operators
@@ -184,8 +185,7 @@ def _way(model: "Model", before: Floes) -> np.ndarray:
     for old, new, period in zip(
         (before.x, before.y), (now.x, now.y), model.domain.period, strict=True
     ):
-        d = new[:n][stays] - old[stays]
-        way.append((mass * (d if period is None else d - period * np.rint(d / period))).sum())
+        way.append((mass * wrap(period, new[:n][stays] - old[stays])).sum())
     return np.array(way) / (mass.sum() or 1.0)
 
 
