@@ -515,19 +515,15 @@ def _with_noise(one: "xr.Dataset") -> str:
 
 def figure(data: "xr.Dataset", title: str) -> "Figure":
     """Error against cost of each setting, with the front."""
-    import matplotlib
-    import matplotlib.pyplot as plt
-
     from floebmi import plot
 
     of, on_front = data.attrs["of"], front(data)
     here = data.sel(quantity=of)
     here = here.isel(setting=np.argsort(here.cost_per_day.values))
     here = here.where(here.error > 0, drop=True)
-    with matplotlib.rc_context(plot.style() | {"axes.facecolor": "white"}):
-        drawn, (ax, names) = plt.subplots(
-            1, 2, figsize=(10.5, 4.6), dpi=160, layout="constrained", width_ratios=(1, 0.95)
-        )
+    with plot.graph(10.5, 4.6) as drawn:
+        drawn.dpi = 160
+        ax, names = drawn.subplots(1, 2, width_ratios=(1, 0.95))
         line = [s for s in on_front if s in here.setting.values]
         ax.plot(
             here.cost_per_day.sel(setting=line), here.error.sel(setting=line), "-", color=FRONT,
