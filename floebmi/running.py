@@ -177,7 +177,7 @@ def run(
             raise InputError(f"{name}: the model has none to force; list {law} among its forces")
     start, end, before = model.time, model.time + total, model.counters.floe_steps
     for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
-        if source is not None and fluid is not None:
+        if source is not None:
             check_forcing(source, fluid, start, end)
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
@@ -293,7 +293,7 @@ def _save(
 
 
 class Forcing:
-    """Fills the velocities of the fluids."""
+    """Fills the velocities of a model's fluids, of those that have a source and are in the model."""
 
     def __init__(
         self, model: "Model", ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
@@ -304,6 +304,7 @@ class Forcing:
         ]
 
     def fill(self, t: float) -> None:
+        """Fill them as they are at t [s]."""
         for source, fluid in self._pairs:
             source.fill(t, fluid.u, fluid.v)
 

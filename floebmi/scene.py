@@ -12,7 +12,7 @@ import math
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -44,7 +44,7 @@ from floebmi.floes import (
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
-from floebmi.quantities import NonNegative, Positive, PositiveFraction
+from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
 from floebmi.running import check_intervals
 from floebmi.scenes import packaged
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
@@ -69,9 +69,9 @@ if TYPE_CHECKING:
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
 
 Pair = tuple[float, float]
-Count = Annotated[int, Field(ge=1)]
 ScenePath = str  # of a file, relative to the scene file
 Axis = Literal["x", "y", "rotation"]
+# those of places.py and remap.py, which need scipy: scenes are read without it
 Position = Literal["auto", "mapping", "lonlat"]
 FillLand = Literal["error", "nearest", "dry"]
 # of all tables that read a gridded file
