@@ -45,7 +45,7 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
-from floebmi.quantities import unmasked
+from floebmi.quantities import is_number, unmasked
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -513,21 +513,14 @@ class FloeBmi(Bmi):
     def update_until(self, time: float) -> None:
         """Advance to `time` [s], and land exactly on it; the current time does nothing."""
         now = self._now("update_until")
-        try:
-            if isinstance(time, str | bytes):
-                raise TypeError  # float() reads text, too
-            time = float(time)
-        except (TypeError, ValueError):
+        if not is_number(time):
+            raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
+        if time < now.model.time:
             raise InputError(
-                f"update_until: time = {time!r}: must be a number of seconds"
-            ) from None
-        if not np.isfinite(time) or time < now.model.time:
-            raise InputError(
-                f"update_until: time = {time:.17g} s: must be finite, and at least the current time, "
-                f"{now.model.time:.17g} s"
+                f"update_until: time = {float(time):.17g} s: must be at least the current time, {now.model.time:.17g} s"
             )
         if time > now.model.time:
-            now.advance(time)
+            now.advance(float(time))
 
     def finalize(self) -> None:
         """Let go of everything; `initialize` may follow."""
