@@ -50,12 +50,11 @@ from floebmi.packing import from_field, scatter
 from floebmi.quantities import is_number
 from floebmi.scene import read_scene
 from floebmi.sizes import Sizes, UniformSize
-from floebmi.variables import FLOE_VARIABLES, VARIABLES, Variable, find
+from floebmi.variables import FLOE_VARIABLES, Variable, find, inputs, outputs
 
 FRACTION, THICKNESS = find("area_fraction").csdms, find("thickness").csdms
 _FLAT = (RasterModelGrid, HexModelGrid, RadialModelGrid, VoronoiDelaunayGrid, FramedVoronoiGrid)
-_INPUTS = tuple(row for row in VARIABLES if row.intent == "in")
-_OUTPUTS = tuple(row for row in VARIABLES if row.intent == "out")
+_INPUTS, _OUTPUTS = inputs(), outputs()
 _OF_FLOES = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
 
 

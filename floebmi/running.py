@@ -411,7 +411,6 @@ class _Meter:
         from tqdm import tqdm
 
         self._start, self._total = model.time, total
-        self._steps = model.counters.floe_steps
         self._last: tuple[float, float, int] | None = None
         self._bar = tqdm(
             total=total,

@@ -495,12 +495,12 @@ def find(name: str) -> Variable:
 
 
 def inputs() -> tuple[Variable, ...]:
-    """What a host sets."""
+    """The gridded variables that a host sets."""
     return tuple(row for row in VARIABLES if row.intent == "in")
 
 
 def outputs() -> tuple[Variable, ...]:
-    """What `model.fields()` gives."""
+    """The gridded variables that the model computes: `model.fields()` has those of its laws."""
     return tuple(row for row in VARIABLES if row.intent == "out")
 
 
