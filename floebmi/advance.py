@@ -11,14 +11,11 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 
 import math
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from floebmi.arrays import all_within
-from floebmi.boundaries import Domain, Feeder, edge_of
-from floebmi.budgets import Ledger
+from floebmi.boundaries import Domain, edge_of
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import (
@@ -66,6 +63,7 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import emptied, near_of, room_for_blows
+from floebmi.state import State
 from floebmi.taylor import taylor
 from floebmi.threads import verlet_in_threads
 
@@ -79,66 +77,6 @@ CLOSING = 0.3  # of the smallest radius, or up to three times that where sizes d
 NARROWEST, WIDEST = 3.0, 6.0  # skin over closing
 FEW = 3000  # floes: making a list has a cost that does not depend on their number, and is that of listing so many
 NEAR = 0.05  # near over closing
-
-
-@dataclass
-class Counters:
-    """What was done since the start: for reports, and to see where time goes."""
-
-    steps: int = 0
-    floe_steps: int = 0
-    rebuilds: int = 0
-    pairs: int = 0  # candidate pairs, summed over steps
-    bonds_broken: int = 0
-    shortest_step: float = np.inf
-    longest_step: float = 0.0
-    last_step: float = 0.0
-
-
-@dataclass
-class State:
-    """What an advance starts from and leaves behind, besides the floes."""
-
-    walls: np.ndarray
-    memory: Memory
-    previous: (
-        np.ndarray | None
-    )  # contact forces of the last step, for the paper's schemes, see `pack`
-    remainder: np.ndarray | None  # what rounding took from places far from (0, 0), (n, 2) [m]
-    rng: np.random.Generator
-    feeders: tuple[Feeder, ...] = ()
-    ledger: Ledger = field(default_factory=Ledger)
-    counters: Counters = field(default_factory=Counters)
-    kept: Kept | None = None  # the list of pairs to which the memory belongs, slot by slot
-    drawn: dict | None = (
-        None  # in a copy, which shares the generator: the generator's state when it was copied
-    )
-
-    def copy(self) -> "State":
-        """The same, to go back to; what is never changed in place is shared."""
-        rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
-        return State(
-            self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), replace(self.counters), self.kept, self.rng.bit_generator.state,
-        )  # fmt: skip
-
-    def go_back(self, earlier: "State") -> None:
-        """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
-        self.walls[:] = earlier.walls
-        self.memory, self.feeders = earlier.memory, earlier.feeders
-        self.rng.bit_generator.state = earlier.drawn
-        self.previous, self.remainder = earlier.previous, earlier.remainder
-        self.kept = earlier.kept
-        vars(self.ledger).update(vars(earlier.ledger))
-        vars(self.counters).update(vars(earlier.counters))
-
-    def fit(self, floes: int) -> None:
-        """Room for new floes in what is kept per floe outside of `Floes`: so many there are now."""
-        for name in ("previous", "remainder"):
-            rows = getattr(self, name)
-            if rows is not None and len(rows) < floes:
-                more = np.zeros((floes - len(rows), rows.shape[1]))
-                setattr(self, name, np.vstack([rows, more]))
 
 
 class Advance:

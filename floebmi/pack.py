@@ -658,7 +658,10 @@ def _(spinning: None, p, press, power):
 
 @dispatched
 def add_walls(walls, press, power):
-    """Of a wall, |F|² is what the ice pushes times all that pushes: what its load does is no energy of the ice."""
+    """The same of walls, where |F|² is the force of the ice times the net force (eq. kept-energy).
+
+    What the load does is work on the wall, not energy of the ice.
+    """
     for w in range(walls.size):
         wall = walls[w]
         press += wall.inverse_mass * wall.force * (wall.force + wall.side * wall.press)

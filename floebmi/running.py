@@ -22,10 +22,10 @@ from floebmi.errors import InputError
 from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
-    from floebmi.advance import Counters
     from floebmi.budgets import Ledger
     from floebmi.forcing import VelocitySource
     from floebmi.model import Fluid, Model
+    from floebmi.state import Counters
 
 DAY = 86400.0
 SAVED_EVERY = 60.0  # seconds on the clock between states saved while a run goes on

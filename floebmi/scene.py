@@ -779,7 +779,7 @@ class Scene(Table):
         return Built(model, ocean, atmosphere, land)
 
     def tilt_sea(self, model: "Model") -> None:
-        """Give the ocean the slope of the scene; a state that is taken up has that of its own."""
+        """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
 

@@ -39,7 +39,7 @@ def taylor(
     gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
     """
     p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
-    start, constraint = parts - parts, books.held[parts - 1]
+    start, constraint = parts - parts, books.held[parts - 1]  # a zero, as in `dynamics.verlet`
     ahead = 0.5 if third_order else 0.0
     pair_buffer, _ = buffers
     done, way, since, skin = 0, 0.0, np.inf, lists.skin
