@@ -70,11 +70,12 @@ class Step(NamedTuple):
 
 
 def usual_fraction(scheme: str, contact: Contact | None) -> float:
-    """The step over its limit that keeps the energy of a scene to a thousandth.
+    """The share of the stability limit that keeps the energy of a scene to a thousandth.
 
-    Long steps do where contacts are springs and friction, stepped by "verlet".  Without friction, or with bonds, a
-    pack goes on to ring, at 0.85 of the limit a fifth too fast in its highest tone; dashpots are of first order;
-    the paper's schemes and lever arms know no part of a step.
+    0.85 where contacts are springs with Coulomb friction, or there are none, stepped by "verlet"; else 0.3.  Without
+    friction, or with bonds, a pack goes on to ring, at 0.85 of the limit a fifth too fast in its highest tone; dashpots
+    are of first order; failure lets go of a force at once; the paper's schemes and lever arms go without
+    (eq. part-of-a-step).
     """
     rubs = contact is None or isinstance(contact.friction, Coulomb)
     more = contact is not None and (contact.bonds or contact.dashpot or contact.failure)

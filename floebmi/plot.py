@@ -295,6 +295,7 @@ def animate(
     for name, value in (("fps", fps), ("every", every)):
         if value < 1:
             raise InputError(f"{name} = {value}: must be at least 1")
+    # not `in_one_go`: the ending tells the writers the format
     part = to.with_name(f"{to.stem}.part{to.suffix}")
     with matplotlib.rc_context(style()), ExitStack() as files:
         view = _open_view(files, trajectories, gridded)
