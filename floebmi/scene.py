@@ -60,6 +60,7 @@ from floebmi.tables import (
     validate,
     word_or,
 )
+from floebmi.taylor import PAPERS_STEP
 
 if TYPE_CHECKING:
     from floebmi.coast import Coast
@@ -86,7 +87,6 @@ _FILL_LAND = "what a wet cell gets where the file has only land"
 _DRAG = f"a preset ({', '.join(DRAG_PRESETS)}), or a table of coefficients"
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 _EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
-_PRESET_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
 
 
 # ---- where: domain and grid -------------------------------------------------------------------
@@ -813,7 +813,7 @@ class Scene(Table):
             return step
         if given.keys() & {"fraction", "length"}:  # the user's own step instead of Eq. 4's
             given.setdefault("epsilon", None)
-        return _PRESET_STEP._replace(**given)
+        return PAPERS_STEP._replace(**given)
 
     def forces(self) -> list[Force]:
         """The forces that the scene lists."""

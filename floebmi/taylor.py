@@ -6,6 +6,7 @@ They are there to compare with; `dynamics.verlet` is the default scheme.
 import numpy as np
 
 from floebmi.dynamics import (
+    Step,
     drift_walls,
     forget,
     hold_back,
@@ -24,6 +25,8 @@ from floebmi.forces import (
 )
 from floebmi.kernels import BLOCK, dispatched, in_place, inner
 from floebmi.pairs import narrow, settle
+
+PAPERS_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
 
 
 @in_place
