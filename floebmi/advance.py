@@ -652,7 +652,7 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
 def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
     """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
     f, stock = floes, np.empty((4, len(floes)))
-    columns = f.motion, f.radius, f.thickness, f.u, f.v, f.angular_velocity
-    stock_of_each(of, *columns, density, stock)
+    columns = f.radius, f.thickness, f.u, f.v, f.angular_velocity
+    stock_of_each(of & ~f.land, *columns, density, stock)
     # not summed in the kernel, which would round sums alone: opposite momenta cancel to the last bit
     return stock.sum(axis=1)

@@ -616,11 +616,11 @@ def _(spinning: None, k, omega):
 
 
 @in_place
-def stock_of_each(of, motion, radius, thickness, u, v, omega, density, stock):
-    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
+def stock_of_each(of, radius, thickness, u, v, omega, density, stock):
+    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; 0 of the others."""
     for k in range(of.size):
         m = density * np.pi * radius[k] * radius[k] * thickness[k]
-        m = m if of[k] & ((motion[k] & LAND) == 0) else 0.0
+        m = m if of[k] else 0.0
         turns = radius[k] * recall(omega, k)
         stock[0, k], stock[1, k], stock[2, k] = m, m * u[k], m * v[k]
         stock[3, k] = 0.5 * m * (u[k] * u[k] + v[k] * v[k] + 0.5 * turns * turns)  # J = m r²/2
