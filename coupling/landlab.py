@@ -50,12 +50,11 @@ from floebmi.packing import from_field, scatter
 from floebmi.quantities import is_number
 from floebmi.scene import read_scene
 from floebmi.sizes import Sizes, UniformSize
-from floebmi.variables import FLOE_VARIABLES, VARIABLES, Variable, find
+from floebmi.variables import FLOE_VARIABLES, Variable, find, inputs, outputs
 
 FRACTION, THICKNESS = find("area_fraction").csdms, find("thickness").csdms
 _FLAT = (RasterModelGrid, HexModelGrid, RadialModelGrid, VoronoiDelaunayGrid, FramedVoronoiGrid)
-_INPUTS = tuple(row for row in VARIABLES if row.intent == "in")
-_OUTPUTS = tuple(row for row in VARIABLES if row.intent == "out")
+_INPUTS, _OUTPUTS = inputs(), outputs()
 _OF_FLOES = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
 
 
@@ -367,8 +366,7 @@ class SeaIceFloes(Component):
                     f"{row.csdms}: {values[cell]} at node {self._grid.node_at_cell[cell]} at"
                     f" t = {model.time:g} s: must be finite"
                 )
-            fluid, _, name = row.home.partition(".")
-            array = getattr(getattr(model, fluid), name, None)
+            array = row.array_in(model)
             if array is not None:
                 array[:] = np.where(model.grid.wet, values, 0.0)
             elif values[model.grid.wet].any():
@@ -426,9 +424,8 @@ class SeaIceFloes(Component):
     @property
     def mass_outside(self) -> float:
         """Mass of the ice that lies in no cell [kg]."""
-        floes, model = self._model.floes, self._model
-        ice = floes.active & ~floes.land
-        return float(model.ice_density * (model.coverage().outside * floes.thickness[ice]).sum())
+        model = self._model
+        return float(model.ice_density * (model.coverage().outside @ model.floes.thickness))
 
     @property
     def data_record(self) -> DataRecord:

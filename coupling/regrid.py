@@ -42,7 +42,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
@@ -51,6 +50,7 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid, check_grid
+from floebmi.output import in_one_go, new_file
 from floebmi.projection import to_plane
 from floebmi.quantities import flat, is_number, unmasked
 
@@ -265,8 +265,6 @@ class Regrid:
         InputError
             for a folder that is not there.
         """
-        import netCDF4
-
         rows = np.repeat(np.arange(self.target.size), np.diff(self.overlap.indptr))
         columns = self.overlap.indices
         by_source = np.bincount(columns, self.overlap.data, minlength=self.source.size)
@@ -285,26 +283,20 @@ class Regrid:
         path = Path(path)
         if not path.parent.is_dir():
             raise InputError(f"{path}: there is no folder {path.parent}")
-        part = path.with_name(f"{path.name}.part")
-        try:
-            with netCDF4.Dataset(part, "w") as file:
-                file.format = FORMAT
-                file.map_method = "first-order conservative"
-                file.normalization = "destarea"
-                file.surface = self.surface
-                file.source_checksum = checksum(self.source)
-                file.target_checksum = checksum(self.target)
-                for name, size in (
-                    ("n_a", self.source.size), ("n_b", self.target.size), ("n_s", rows.size)
-                ):  # fmt: skip
-                    file.createDimension(name, size)
-                for name, (values, dimension, units, text) in fields.items():
-                    variable = file.createVariable(name, values.dtype, (dimension,))
-                    variable.units, variable.long_name = units, text
-                    variable[:] = values
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
+        with in_one_go(path) as part, new_file(part) as file:
+            file.format = FORMAT
+            file.map_method = "first-order conservative"
+            file.normalization = "destarea"
+            file.surface = self.surface
+            file.source_checksum = checksum(self.source)
+            file.target_checksum = checksum(self.target)
+            sizes = {"n_a": self.source.size, "n_b": self.target.size, "n_s": rows.size}
+            for name, size in sizes.items():
+                file.createDimension(name, size)
+            for name, (values, dimension, units, text) in fields.items():
+                variable = file.createVariable(name, values.dtype, (dimension,))
+                variable.units, variable.long_name = units, text
+                variable[:] = values
 
     @classmethod
     def from_netcdf(cls, path: str | Path, source: Grid, target: Grid) -> Regrid:

@@ -1,19 +1,21 @@
 """From one exchange to the next: pack, list neighbours, step, and again until the time is reached.
 
+    look       pack the floes, with the list that the last exchange kept or a fresh one, and find the contact forces
+    run        let floes in and out; then take steps until floes have strayed so far that something must be looked at
+               anew (`_renew`: what sets the step, or the list, or floes that come and go), and go on
+    finish     put floes and state back, keep the list, book what walls, held floes, friction … gave and took
+
 What happens here is a function of the state alone: floes, what contacts remember, walls, and where the list of
 neighbours was made (kept.py).  So a run that stops and restarts at an exchange goes on with the same bits.
 """
 
 import math
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from floebmi.arrays import all_within
-from floebmi.boundaries import Domain, Feeder, edge_of
-from floebmi.budgets import Ledger
+from floebmi.boundaries import Domain, edge_of
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import (
@@ -61,72 +63,20 @@ from floebmi.pack import (
     widest_gap,
 )
 from floebmi.pairs import emptied, near_of, room_for_blows
+from floebmi.state import State
 from floebmi.taylor import taylor
 from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
-# Pairs that may close while floes stray over half of this, of the smallest radius, count in the stable step.
-CLOSING = 0.3
 MOST_STEPS = 1e12  # of one exchange: they would take hours for a single floe
-NARROWEST, WIDEST = 3.0, 6.0  # how much wider than that the list of pairs is
-FEW = 3000  # a list costs as much as one of so many floes more would: few floes rather have a wider one
-NEAR = 0.05  # the skin of the short list at least, of the same
-
-
-@dataclass
-class Counters:
-    """What was done since the start: for reports, and to see where time goes."""
-
-    steps: int = 0
-    floe_steps: int = 0
-    rebuilds: int = 0
-    pairs: int = 0  # candidate pairs, summed over steps
-    bonds_broken: int = 0
-    shortest_step: float = np.inf
-    longest_step: float = 0.0
-    last_step: float = 0.0
-
-
-@dataclass
-class State:
-    """What an advance starts from and leaves behind, besides the floes."""
-
-    walls: np.ndarray
-    memory: Memory
-    previous: np.ndarray | None  # see `pack`
-    remainder: np.ndarray | None  # what rounding took from places far from (0, 0), (n, 2) [m]
-    rng: np.random.Generator
-    feeders: tuple[Feeder, ...] = ()
-    ledger: Ledger = field(default_factory=Ledger)
-    counters: Counters = field(default_factory=Counters)
-    kept: Kept | None = None  # the list whose slots the memory is in
-    drawn: dict | None = None  # of a copy, which shares the rng: its state then
-
-    def copy(self) -> "State":
-        """The same, to go back to; what is never changed in place is shared."""
-        rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
-        return State(
-            self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), replace(self.counters), self.kept, self.rng.bit_generator.state,
-        )  # fmt: skip
-
-    def go_back(self, earlier: "State") -> None:
-        """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
-        self.walls[:] = earlier.walls
-        self.memory, self.feeders = earlier.memory, earlier.feeders
-        self.rng.bit_generator.state = earlier.drawn
-        self.previous, self.remainder = earlier.previous, earlier.remainder
-        self.kept = earlier.kept
-        vars(self.ledger).update(vars(earlier.ledger))
-        vars(self.counters).update(vars(earlier.counters))
-
-    def fit(self, floes: int) -> None:
-        """Room for new floes in what is kept per floe outside of `Floes`: so many there are now."""
-        for name in ("previous", "remainder"):
-            rows = getattr(self, name)
-            if rows is not None and len(rows) < floes:
-                more = np.zeros((floes - len(rows), rows.shape[1]))
-                setattr(self, name, np.vstack([rows, more]))
+# Three widths, each a gap up to which pairs are listed, from the widest to the narrowest:
+#   skin     the list of pairs: it holds until floes have strayed by half of it
+#   closing  pairs that count in the stable step: it holds until floes have strayed by half of that
+#   near     the short list at least (see `dynamics.wide_enough`)
+CLOSING = 0.3  # of the smallest radius, or up to three times that where sizes differ
+NARROWEST, WIDEST = 3.0, 6.0  # skin over closing
+FEW = 3000  # floes: making a list has a cost that does not depend on their number, and is that of listing so many
+NEAR = 0.05  # near over closing
 
 
 class Advance:
@@ -135,8 +85,12 @@ class Advance:
     `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
     the work.
 
-    The list holds all pairs that may touch before any two floes have neared each other by `skin`; the step is found
-    from those that may before they have by `closing` [m].
+    The list holds all pairs that may touch before two floes have come nearer to each other by `skin` [m]; the step is
+    found from the pairs that may touch before two floes have come nearer by `closing` [m].
+
+    Attributes
+    ----------
+    room, travelled : how far floes may stray until the list is stale, and how far they have [m]
     """
 
     def __init__(
@@ -178,7 +132,7 @@ class Advance:
         self._touch()
 
     def _list_anew(self, old: Memory) -> None:
-        """Pack the floes, and list their neighbours where they are now."""
+        """Pack the floes, and list their neighbours where they are now; old : what pairs remember so far."""
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
         self._list(self.packed, self.state.walls.position.copy(), old)
         self.fresh = True
@@ -228,11 +182,11 @@ class Advance:
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        # the list is wider: most where sizes differ much, since then few pairs are close, and where floes are few: of a
-        # width w steps cost as w n, lists as (n + FEW)/w, both together least as w² = 1 + FEW/n
+        # the list is widest where sizes differ much, since then few pairs are close, and where floes are few: with a skin of
+        # w closings steps cost in proportion to w n, making lists to (n + FEW)/w; the sum is least at w² = 1 + FEW/n
         few = math.sqrt(1.0 + FEW / max(len(radius), 1))
         width = min(max(NARROWEST, octaves) * few, WIDEST)
-        # yet a floe meets another on one side of a period alone
+        # yet no floe may meet another on both sides of a period
         widest = reach(at, self.contact, 0.0).max(initial=0.0)
         room = [0.49 * period - 2.0 * widest for period in self.period if period]
         self.skin = max(self.closing, min([self.closing * width, *room]))
@@ -253,7 +207,7 @@ class Advance:
         return Memory(self.pairs, self.packed.number)
 
     def _keep(self) -> None:
-        """Leave the list to the next exchange, with what its pairs remember; nothing may change them now."""
+        """Leave the list to the next exchange, with what its pairs remember; from here on nobody may change these arrays."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
             self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
@@ -301,20 +255,20 @@ class Advance:
         return rate.reshape(-1, BLOCK).max(axis=1)
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
-        """From where on floes and walls stray: no more than they have room for until the list is stale.
+        """Remember places x, y and those of the walls: how far floes stray is counted from them.
 
-        travelled : how far they had strayed before, in earlier exchanges [m]
+        travelled : how far they had strayed by then, in earlier exchanges [m]
         """
         self.marked = Marked(x, y, self.state.walls["position"].copy(), travelled, self.still)
         self.travelled = travelled
 
     def _mark_anew(self) -> None:
-        """The way up to here takes from the room that is left; from here on another is counted."""
+        """Take the way so far from the room that is left, and count from the present places on."""
         self.room -= self.travelled
         self._mark(self.packed.floes["x"].copy(), self.packed.floes["y"].copy())
 
     def _stray_on(self) -> bool:
-        """Whether the list lasts for longer; if so, what sets the step is looked for anew."""
+        """Whether the list of pairs still has room; if so, it is kept, and only what sets the step is to be found anew."""
         if self.room - self.travelled <= 0.5 * self.closing:
             return False
         self._mark_anew()
@@ -322,7 +276,7 @@ class Advance:
         return True
 
     def _near_walls(self, at: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Packed floes that may touch walls in these positions, and which; coast may lie over a wall."""
+        """Pairs of packed floe and number of wall that may touch, walls at these positions; coast, which may lie over a wall, is left out."""
         floes, numbers = [], []
         if self.contact is not None:
             near, walls = at.floes["r"] + self.skin, self.state.walls
@@ -413,9 +367,10 @@ class Advance:
         return among
 
     def _change_anew(self) -> None:
-        """The change of forces that `taylor3` reads begins anew, with those among the floes that are here.
+        """Let the last forces that `taylor3` extrapolates from be the present ones, of the floes that are still here.
 
-        The last forces on them may be of floes that have left: their end would act on one side alone.
+        Those of the last step hold contacts with floes that have left: that these end would act on one floe of the pair
+        alone.
         """
         previous, force, walls = self.packed.previous, self.packed.force, self.state.walls
         if previous is None:
@@ -425,7 +380,10 @@ class Advance:
         walls.previous[:] = walls.force
 
     def _wrap(self) -> None:
-        """Bring floes beyond a periodic seam to the other side."""
+        """Bring floes beyond a periodic seam to the other side.
+
+        `Domain.brought_back` in place; where no floe is out, as in most exchanges, it only looks.
+        """
         floes, domain = self.floes, self.domain
         for place, (low, _), period in (
             (floes.x, domain.x, self.period[0]),
@@ -515,7 +473,7 @@ class Advance:
         return min(self.room, 0.5 * self.closing) if bounded else self.room
 
     def _half_skin(self) -> float:
-        if self.packed.land.all():
+        if self.packed.land.all():  # also where there are no floes
             return np.inf
         # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
         return (
@@ -694,7 +652,7 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
 def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
     """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
     f, stock = floes, np.empty((4, len(floes)))
-    columns = f.motion, f.radius, f.thickness, f.u, f.v, f.angular_velocity
-    stock_of_each(of, *columns, density, stock)
+    columns = f.radius, f.thickness, f.u, f.v, f.angular_velocity
+    stock_of_each(of & ~f.land, *columns, density, stock)
     # not summed in the kernel, which would round sums alone: opposite momenta cancel to the last bit
     return stock.sum(axis=1)

@@ -16,6 +16,7 @@ from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.floes import LAND, Floes
 from floebmi.grid import Grid
+from floebmi.pairs import wrap
 
 _SAME = 1e-9  # relative difference of numbers that rounding may make on another machine
 _LAWS = "contact", "coriolis", "ice", "walls", "inflow"  # tables in which a number may be another
@@ -76,9 +77,7 @@ def refuse_other_coast(mine: Floes, theirs: Floes, domain: Domain) -> None:
         ("radius", "thickness", "x", "y"), (None, None, *domain.period), strict=True
     ):
         one, other = getattr(mine, name)[here], getattr(theirs, name)[there]
-        apart = other - one
-        if length is not None:
-            apart -= length * np.rint(apart / length)
+        apart = wrap(length, other - one)
         wrong = np.abs(apart) > 1e-6 * mine.radius[here] + _SAME * np.abs(one)
         if wrong.any():
             k = int(wrong.argmax())

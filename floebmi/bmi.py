@@ -46,7 +46,7 @@ from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.errors import InputError, choose
-from floebmi.quantities import flat, unmasked
+from floebmi.quantities import flat, is_number, unmasked
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -217,12 +217,11 @@ def layout_of(grid: "Grid", faces: bool) -> Layout:
 
 def _faces(grid: "Grid") -> Layout:
     """Edge k of a face leads from its node k to the next one."""
+    from floebmi.grid import following_nodes
+
     real = grid.face_nodes >= 0
     count = real.sum(axis=1)
-    following = np.roll(grid.face_nodes, -1, axis=1)
-    last = np.arange(grid.size), count - 1
-    following[last] = grid.face_nodes[:, 0]
-    begin, end = grid.face_nodes[real], following[real]
+    begin, end = grid.face_nodes[real], following_nodes(grid.face_nodes)[real]
     edges, which = np.unique(
         np.stack([np.minimum(begin, end), np.maximum(begin, end)], axis=1),
         axis=0,
@@ -282,7 +281,7 @@ class _Running:
         for row in VARIABLES:
             values = None
             if row.intent == "in":
-                values = _at_home(model, row)
+                values = row.array_in(model)
             elif row.name in self.parts:
                 values = np.zeros(self.layouts[self.grid_of(row)].values)
             if values is not None:
@@ -522,21 +521,14 @@ class FloeBmi(Bmi):
     def update_until(self, time: float) -> None:
         """Advance to `time` [s], and land exactly on it; the current time does nothing."""
         now = self._now("update_until")
-        try:
-            if isinstance(time, str | bytes):
-                raise TypeError  # float() reads text, too
-            time = float(time)
-        except (TypeError, ValueError):
+        if not is_number(time):
+            raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
+        if time < now.model.time:
             raise InputError(
-                f"update_until: time = {time!r}: must be a number of seconds"
-            ) from None
-        if not np.isfinite(time) or time < now.model.time:
-            raise InputError(
-                f"update_until: time = {time:.17g} s: must be finite, and at least the current time, "
-                f"{now.model.time:.17g} s"
+                f"update_until: time = {float(time):.17g} s: must be at least the current time, {now.model.time:.17g} s"
             )
         if time > now.model.time:
-            now.advance(time)
+            now.advance(float(time))
 
     def finalize(self) -> None:
         """Let go of everything; `initialize` may follow."""
@@ -802,11 +794,6 @@ def _exchange(scene: "Scene") -> float:
     if scene.output.every is not None:
         return float(scene.output.every)
     return float(scene.schedule().exchange)
-
-
-def _at_home(model: "Model", row: Variable) -> np.ndarray | None:
-    fluid, _, name = row.home.partition(".")
-    return getattr(getattr(model, fluid), name, None)
 
 
 def _is_input(row: Variable | Scalar) -> bool:

@@ -18,6 +18,7 @@ get_var_grid, get_grid_size, get_grid_shape, get_time_step, get_value, set_value
 
 import argparse
 import importlib
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -263,7 +264,7 @@ def main(words: Sequence[str] | None = None) -> int:
                 _found(asked.host), asked.config, asked.velocity, asked.stress, asked.density
             )
     except InputError as error:
-        print(f"error: {error}")
+        print(f"floebmi.bmi_check: {error}", file=sys.stderr)
         return 2
     for answer in answers:
         print(f"{'ok   ' if answer.passed else 'WRONG'} {answer.what}: {answer.text}")

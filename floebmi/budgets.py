@@ -65,7 +65,7 @@ class Ledger:
         self.turnover += np.abs(row)
 
     def saw(self, energy: float) -> None:
-        """Between two bookings the ice had this kinetic energy: as much has passed, though it may have gone again.
+        """Note a kinetic energy [J] that the ice had between two bookings: it counts as turnover, though it may have gone again.
 
         Floes that move against each other have momentum that their sum does not show, up to √(2 m K) in all.
         """

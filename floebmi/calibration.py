@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import platformdirs
 
+from floebmi.output import in_one_go
 from floebmi.running import Forcing
 
 if TYPE_CHECKING:
@@ -101,7 +102,6 @@ def keep(model: "Model", cost: Cost) -> Path:
     """Store a measurement for models of this kind; returns the file."""
     path = _file()
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(_all() | {kind(model): list(cost)}, indent=1), encoding="utf-8")
-    part.replace(path)
+    with in_one_go(path) as part:
+        part.write_text(json.dumps(_all() | {kind(model): list(cost)}, indent=1), encoding="utf-8")
     return path

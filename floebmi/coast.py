@@ -213,7 +213,10 @@ def land_geometry(
 
 
 def within(coast: Coast, domain: "Domain") -> Coast:
-    """A coast whose land and floes are brought back across the periodic edges of a domain, for a part that has none."""
+    """A coast of which all that lies beyond a periodic edge of a domain is moved to its image inside.
+
+    For packing a part of the domain, which has no periodic edges of its own.
+    """
     floes = coast.floes.copy()
     floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
     return Coast(floes, _rings(land_geometry(coast.polygons, domain)))

@@ -14,7 +14,8 @@ from numba.extending import intrinsic, overload
 from floebmi.kernels import BLOCK, IN_PLACE
 
 LANES = 4  # pairs at a time
-# Rows of the buffer of a block of pairs, as in forces.py: results lie below what they are computed from.
+# Rows of the buffer of a block of pairs.  Results stand in lower rows than what they are computed from: for all that the
+# compiler knows of the array, a store can then only fall on what has been read already, and the loop vectorises.
 FX, FY, TORQUE_I, TORQUE_J, BLOW_N, BLOW_T = (row * BLOCK for row in range(6))
 DX, DY, DU, DV, R_I, R_J, H_I, H_J, OMEGA_I, OMEGA_J, W_I, W_J = (
     row * BLOCK for row in range(6, 18)

@@ -266,7 +266,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 class PairForce(NamedTuple):
-    """Force of one pair, what it remembers, and the energy [J] that it lost in this step."""
+    """Force of one pair, what it remembers (slip to slid, see `pairs.PairList`), and the energy [J] that it lost in this step."""
 
     f_n: float
     f_t: float
@@ -384,7 +384,7 @@ def _(dashpot: None, k_n, inverse_mass):
 
 @dispatched
 def brake(dashpot, k_n, inverse_mass, opening, overlap, touching, bonded):
-    """The dashpot's part of f_n, over k_n [m]; unless frozen together, floes do not pull as they part."""
+    """The dashpot's part of f_n, over k_n [m], such that only floes that are bonded pull each other as they part."""
     part = -damping(dashpot, k_n, inverse_mass) / k_n * opening
     return (part if bonded > 0.0 else max(part, -overlap)) if touching else 0.0
 
@@ -396,7 +396,10 @@ def _(dashpot: None, k_n, inverse_mass, opening, overlap, touching, bonded):
 
 @dispatched
 def braked(dashpot, damped_before, damped, met, opening, part):
-    """Impulse of a dashpot where floes met, for it acts at once with all its force; the energy that it lost."""
+    """Impulse [N s] that a dashpot is owed in the step in which floes meet, and the energy [J] that it lost.
+
+    Unlike a spring it acts with all its force from the first touch on, of which a step gives only the half after it.
+    """
     loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
     return (0.5 * part * damped if met else 0.0), loss
 

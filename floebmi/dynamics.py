@@ -70,20 +70,22 @@ class Step(NamedTuple):
 
 
 def usual_fraction(scheme: str, contact: Contact | None) -> float:
-    """The step over its limit that keeps the energy of a scene to a thousandth.
+    """The share of the stability limit that keeps the energy of a scene to a thousandth.
 
-    Long steps do where contacts are springs and friction, stepped by "verlet".  Without friction, or with bonds, a
-    pack goes on to ring, at 0.85 of the limit a fifth too fast in its highest tone; dashpots are of first order;
-    the paper's schemes and lever arms know no part of a step.
+    0.85 where contacts are springs with Coulomb friction, or there are none, stepped by "verlet"; else 0.3.  Without
+    friction, or with bonds, a pack goes on to ring, at 0.85 of the limit a fifth too fast in its highest tone; dashpots
+    are of first order; failure lets go of a force at once; the paper's schemes and lever arms go without
+    (eq. part-of-a-step).
     """
     rubs = contact is None or isinstance(contact.friction, Coulomb)
     more = contact is not None and (contact.bonds or contact.dashpot or contact.failure)
     return 0.85 if scheme == "verlet" and rubs and not more else 0.3
 
 
-# Ways of the fastest floe in a step: a short list with that skin is good for 14 steps.
+# The skin of a short list over the way of the fastest floe in a step: it then lasts for 14 steps.
 LASTING = 32.0
-NEARLY = 0.7  # of the way that floes may stray: then something is looked at anew
+# Share of the way that floes may stray: beyond it the list of pairs, or what sets the step, is looked at anew.
+NEARLY = 0.7
 WALL = np.dtype(
     [
         ("axis", np.int64),  # 0: the wall stands across x, 1: across y
@@ -147,7 +149,9 @@ class Marked(NamedTuple):
 class Books(NamedTuple):
     """A row for each tile, and a last one for seams and walls, so that threads share none.
 
-    held : momentum along x and y [N s] and energy [J] given by what holds floes; lost : see `pairs.FRICTION`
+    held : momentum along x and y [N s] and energy [J] that floes got from what holds them: coast, and prescribed motion.
+        Kernels call a row of it `constraint`.
+    lost : energy [J] by what took it, and the bonds broken, see `pairs.FRICTION` and those after it
     """
 
     held: np.ndarray
@@ -159,7 +163,11 @@ class Books(NamedTuple):
 
 @inner
 def kick(p, first, n, dt, constraint):
-    """Contact forces change the velocities of a block of floes for a time dt; held ones are booked."""
+    """Contact forces change the velocities of floes first to first + n − 1 for a time dt [s].
+
+    An axis with prescribed motion is held: its inverse mass is 0, its velocity stays, and what the force on it would
+    have given is booked in `constraint`, a row of `Books.held`.
+    """
     if p.held.size > 0:
         hold_kick(p, first, n, dt, 1.0, constraint)
     for k in range(first, first + n):
@@ -187,7 +195,11 @@ def _(spinning: None, inverse_spin, f, k, dt):
 
 @inner
 def hold_kick(p, first, n, dt, kept, constraint):
-    """What holds an axis takes up the contact forces along it; kept : 1, or 0 where that uses them up."""
+    """Book the contact forces along held axes, for a time dt [s], as taken up by what holds them.
+
+    kept : factor on those forces afterwards: 0 takes them away, so that kicks need not ask which axes are held; 1 leaves
+        them to be looked at
+    """
     for k in range(first, first + n):
         if p.inverse_x[k] == 0.0:
             constraint[0] -= dt * p.force[k].x
@@ -219,7 +231,8 @@ def kick_walls(walls, before, after, ahead):
     In between their dampers brake them, for both: on the way the speed of a wall is one, so that the work of the
     forces before and after it is what the ice gains.
 
-    ahead : as much of the last change of a force goes on top of it
+    before, after : times of the two kicks [s]; ahead : share of the last change of a force that is added to it
+        (eq. taylor), 0 in the default scheme
     """
     for w in range(walls.size):
         wall = walls[w]
@@ -246,7 +259,10 @@ def kick_wall(wall, force, dt):
 
 @inner
 def push_block(forces, at, p, first, n, kicked, pushed, substeps, constraint, buffer):
-    """Kick a block of floes whose held axes have no force, then let the other forces act for a time in some sub-steps."""
+    """Kick a block of floes for a time `kicked` [s], then let the other forces act for a time `pushed` [s], in sub-steps.
+
+    Held axes must have no contact force: see `hold_kick`.
+    """
     for k in range(n):
         floe, f = p.floes[np.uintp(first + k)], p.force[np.uintp(first + k)]
         buffer[U + k] = floe.u + kicked * floe.w * f.x
@@ -262,7 +278,10 @@ def push_block(forces, at, p, first, n, kicked, pushed, substeps, constraint, bu
 
 @inner
 def glide(p, begin, end, kicked, dt):
-    """Kick and drift floes whose held axes have no force, which uses up the forces; returns the largest speed²."""
+    """Kick floes begin to end − 1 for a time `kicked`, let them drift for dt [s], and set their forces to 0 for `touch`.
+
+    Held axes must have no contact force: see `hold_kick`.  Returns the largest speed² [m²/s²].
+    """
     fastest = 0.0
     for k in range(begin, end):
         k = np.uintp(k)
@@ -337,7 +356,7 @@ def push(forces, at, p, first, n, h, constraint, buffer):
 
 @inner
 def push_floes(forces, at, p, first, n, h, held, constraint, buffer):
-    """held : whether an axis may be"""
+    """`push`; held : whether any floe of the pack has a held axis."""
     block = first // BLOCK
     for k in range(n):
         u, v = buffer[U + k], buffer[V + k]
@@ -468,10 +487,7 @@ def _(inverse: None, wall_law, floes, force, k, wall, along_x, f, opening, dt, c
 
 @inner
 def lean(force, begin, end, dt, kept, constraint):
-    """Pieces of coast take up the contact forces on them; what turns them matters to nothing.
-
-    kept : see `hold_kick`
-    """
+    """Book the contact forces on pieces of coast, as `hold_kick` does; their torques do no work and are not booked."""
     x = y = 0.0
     for k in range(begin, end):
         f = force[np.uintp(k)]
@@ -487,9 +503,11 @@ def lean(force, begin, end, dt, kept, constraint):
 def move(
     forces, at, packed, begin, end, kicks, dt, pushed, substeps, constraint, buffer
 ):  # fmt: skip
-    """Kick, push, kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed².
+    """Kick, push, kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed² [m²/s²].
 
-    kicks : before and after the push [s]; pushed : time that the other forces act for [s], 0 where they do not yet
+    kicks : times of the contact forces before and after the push [s]
+    pushed : time that the other forces act for [s], 0 in a step in which they do not (see `time_to_push`)
+    substeps : parts in which they act, for each block of floes
     """
     before, after = kicks
     if packed.held.size > 0:
@@ -513,7 +531,7 @@ def move_walls(walls, kicks, dt):
 
 @inner
 def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constraint, buffer):
-    """The second half of the last kick, and what is left of the push; the forces stay to be looked at."""
+    """The second half of the last kick, and what is left of the push; the forces are kept to be looked at."""
     p = packed
     kick_walls(walls, kicked, 0.0, 0.0)
     for tile in range(tiles.coast.size):
@@ -532,7 +550,8 @@ def time_to_push(lag, drag_every, dt, rest):
 
     They act once in `drag_every` steps, for half of that time before and half of it after.
 
-    lag : time by which they are behind [s], and in how many steps they act; as it will be after this step
+    lag : [0] time by which they are behind the floes [s], negative where they are ahead; [1] steps until they act again;
+        both become those after this step
     rest : time to the end of the exchange, beyond which they may not act [s]
     """
     pushed = 0.0
@@ -547,7 +566,7 @@ def time_to_push(lag, drag_every, dt, rest):
 
 @inner
 def time_left_to_push(lag, reached):
-    """The same at the end of some steps: what is left, if the end of the exchange is reached."""
+    """Time that the other forces still have to act for [s], once the end of the exchange is reached; else 0."""
     if not reached:
         return 0.0
     left = max(lag[0], 0.0)
@@ -588,9 +607,10 @@ def touch_all(laws, packed, lists, walls, books, buffers):
 @inlined
 def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps,
           books, buffers):  # fmt: skip
-    """Move the floes of some tiles, touch their pairs, tile by tile; returns the largest speed².
+    """Move the floes of tiles first to last − 1, touch their pairs, tile by tile; returns the largest speed² [m²/s²].
 
-    kicks, pushed : see `move`
+    moves, touches : whether to do the one and the other
+    kicks, pushed, substeps : see `move`
     buffers : of a block of pairs, shape (PAIR_BUFFER,), of a block of floes, (FORCE_BUFFER,), and the blows of two tiles
     """
     p, tiles, seams, fastest = packed, lists.tiles, lists.tiles.coast.size, 0.0
@@ -635,7 +655,9 @@ def verlet(
     forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list is
     to be made anew between.  `threads.verlet_in_threads` does the same chunk by chunk: what changes here, changes there.
 
+    first_kick : time of the first kick of contact forces [s], see `Advance._first_kick`
     way : of the fastest floe in a step [m], if the short list is of the present place; inf: it is to be made anew
+    travelled, reach : how far floes have strayed from `marked`, and how far they may [m]
     lag : see `time_to_push`; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
@@ -675,7 +697,10 @@ def verlet(
 
 @in_place
 def strayed(floes, walls, marked):
-    """Half of how much nearer any two floes, or a floe and a wall, may be than when they were marked [m]."""
+    """Half of the way by which any two floes, or a floe and a wall, may have neared each other since they were marked [m].
+
+    What all floes do alike brings none of them nearer: it counts only where there are walls or edges.
+    """
     none = 0.0 if marked.still or floes.size == 0 else np.inf
     west, east, south, north = none, -none, none, -none
     for k in range(floes.size):

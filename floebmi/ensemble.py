@@ -28,6 +28,7 @@ import numpy as np
 
 from floebmi import __version__
 from floebmi.errors import InputError
+from floebmi.output import in_one_go
 
 if TYPE_CHECKING:
     import distributed
@@ -226,10 +227,8 @@ def gather(
 
 def save(data: "xr.Dataset", path: str | Path) -> None:
     """Write a data set as NetCDF, whole or not at all."""
-    path = Path(path)
-    part = path.with_name(f"{path.name}.part")
-    data.to_netcdf(part, engine="netcdf4")
-    part.replace(path)
+    with in_one_go(Path(path)) as part:
+        data.to_netcdf(part, engine="netcdf4")
 
 
 def _described(unit: str, meaning: str) -> dict[str, str]:
@@ -282,16 +281,13 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
     folder.mkdir(parents=True, exist_ok=True)
-    part = note.with_suffix(".part")
-    part.write_text(text)
-    part.replace(note)
+    with in_one_go(note) as part:
+        part.write_text(text)
 
 
 def _store(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
+    with in_one_go(path) as part, part.open("wb") as file:
         np.savez(file, **arrays)
-    part.replace(path)
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:

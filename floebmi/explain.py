@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from floebmi import calibration
+from floebmi.boundaries import EDGES
 from floebmi.contact import turns
 from floebmi.floes import FIXED
 from floebmi.forces import AirDrag, OceanDrag
@@ -94,12 +95,10 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
             "floes",
             f"{rows[0][1]}; radius {_span(floes.radius)} m, thickness {_span(floes.thickness)} m",
         )
-    edges = dict.fromkeys((domain.west, domain.east, domain.south, domain.north))
-    if len(edges) == 1:
+    if len({getattr(domain, edge) for edge in EDGES}) == 1:
         rows.append(("edges", f"all {domain.west}"))
     else:
-        sides = ("west", "east", "south", "north")
-        rows.append(("edges", ", ".join(f"{side} {getattr(domain, side)}" for side in sides)))
+        rows.append(("edges", ", ".join(f"{edge} {getattr(domain, edge)}" for edge in EDGES)))
     if contact is not None:
         rows += [
             (type(part).__name__, f"{_numbers(part)}; [contact] asks for it")

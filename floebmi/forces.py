@@ -162,7 +162,7 @@ def at_floes(
 
 
 def row(at, name, k):
-    """What a force knows of floe k: from its table, or in kernels from a row of it by block."""
+    """Row `name` of what a force knows of floe k: of its table, or, where `at` is one block of a table by block, k in it."""
     return at[name, k] if at.ndim == 2 else at[name * BLOCK + k]
 
 
@@ -349,7 +349,7 @@ FORCE_BUFFER = 3 * BLOCK
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
     """A table as kernels take it: a row for each block of the floes of these numbers, in it the rows of the table.
 
-    What the floes are like is in it; nothing is booked yet, and no fluid read.
+    Filled is what follows from the floes themselves (K/m, K/J); impulse and work, and what is read of a fluid, are 0.
     """
     blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
     _into_blocks(at, number, blocks)

@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import math
 
-from floebmi.errors import InputError
 from floebmi.kernels import jit
 
 
@@ -146,35 +145,6 @@ def cut(px, py, dx, dy, ax, ay, bx, by):
     t = ((ax - px) * ey - (ay - py) * ex) / area
     s = ((ax - px) * dy - (ay - py) * dx) / area
     return t if 0.0 < t < 1.0 and -1e-9 <= s <= 1.0 + 1e-9 else -1.0
-
-
-def disc_rectangle(
-    west: float, east: float, south: float, north: float, x: float, y: float, r: float
-) -> float:
-    """Area of a disc in a rectangle with sides along the axes [m²].
-
-    Parameters
-    ----------
-    west, east, south, north : sides of the rectangle [m]
-    x, y, r : centre and radius of the disc [m]
-
-    Raises
-    ------
-    InputError
-        for an empty rectangle or a radius that is not positive.
-    """
-    if not (east > west and north > south):
-        raise InputError(
-            f"rectangle {west} … {east}, {south} … {north}: the second of each must be larger"
-        )
-    if not r > 0:
-        raise InputError(f"radius = {r}: must be greater than 0")
-    total = 0.0
-    for px, sign_x in ((east - x, 1), (west - x, -1)):
-        for py, sign_y in ((north - y, 1), (south - y, -1)):
-            corner = disc_south_west(px, py, disc_west(px, r), disc_west(py, r), r)
-            total += sign_x * sign_y * corner
-    return max(total, 0.0)
 
 
 @jit

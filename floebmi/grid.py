@@ -556,10 +556,7 @@ def _face_table(faces: np.ndarray | Sequence[Sequence[int]], n_nodes: int) -> np
 
 def _check_edges_once(faces: np.ndarray) -> None:
     """Two cells that share an edge go along it in opposite directions; otherwise they overlap."""
-    following = np.roll(faces, -1, axis=1)
-    last = (faces >= 0) & (following < 0) | (np.arange(faces.shape[1]) == faces.shape[1] - 1)
-    following = np.where(last, faces[:, :1], following)
-    real = faces >= 0
+    following, real = following_nodes(faces), faces >= 0
     cell = np.broadcast_to(np.arange(len(faces))[:, None], faces.shape)[real]
     directed = np.stack([faces[real], following[real]], axis=1)
     _, index, count = np.unique(directed, axis=0, return_index=True, return_counts=True)
@@ -570,6 +567,13 @@ def _check_edges_once(faces: np.ndarray) -> None:
             f"grid: cells {pair[0]} and {pair[1]} lie on the same side of the edge from node {a} to"
             f" node {b}: cells must not overlap {IN_DEGREES}"
         )
+
+
+def following_nodes(faces: np.ndarray) -> np.ndarray:
+    """Of each node of faces padded with -1 the next one around the face, of the same shape; padding means nothing."""
+    following = np.roll(faces, -1, axis=1)
+    following[np.arange(len(faces)), (faces >= 0).sum(axis=1) - 1] = faces[:, 0]
+    return following
 
 
 def _check_simple(x: np.ndarray, y: np.ndarray, corners: np.ndarray, area: np.ndarray) -> None:

@@ -92,7 +92,7 @@ def give_back(start, cell, amount, over, number, fluids):
     start, cell, amount, over : see `sampling.Weights`
     fluids : for each a tuple of impulse_x, impulse_y of the floes of these numbers [N s], (blocks, BLOCK);
         last_x, last_y, filled with the fluid's impulse in each cell [N s]; total_x, total_y, to which that is added;
-        and lost (2,), to which that is added which finds no cell.  Who came in since has no weights.
+        and lost (2,), to which that is added which finds no cell.  Floes that came in since have no weights yet.
     """
     for q in range(len(fluids)):
         _, _, last_x, last_y, _, _, _ = fluids[q]

@@ -28,7 +28,7 @@ class Memory(NamedTuple):
     number: np.ndarray
 
     def by_number(self, floes: int) -> PairList:
-        """Those that remember anything, in an order that depends on nothing but the numbers of the floes."""
+        """The pairs that remember anything, in an order that depends on nothing but the numbers of the floes."""
         return remembered(self.pairs, self.number, floes)
 
 
@@ -42,9 +42,9 @@ class Kept(NamedTuple):
     room, travelled : how far floes may stray until it is stale, and how far they have [m]
     stiffest : what sets the step meanwhile, if that is known
     floes : as the exchange left them
-    packed : the same, in arrays that the next exchange works in: of what they hold it trusts what lasts as long as
-        radius and thickness; None: pack them anew
-    survey : how they fare, if that is known
+    packed : the same floes packed; the next exchange works in these arrays, writes places and velocities anew, and takes
+        over what follows from radius, thickness and prescribed motion; None: pack them anew
+    survey : their largest speed, kinetic energy …, if that is known
     """
 
     x: np.ndarray

@@ -20,8 +20,9 @@ import platformdirs
 from numba.extending import overload, register_jitable
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
-# Inlined into what Python calls: a function with a body of its own is there once in each kernel that calls it, each
-# optimised in its own way, and which of them a process takes depends on what it has compiled before.
+# Inlined into what Python calls.  Else each kernel would bring its own compiled copy of a function that several call,
+# each optimised in its own way, and which copy a process runs, and so the last bits, would depend on what it has
+# compiled before.
 OPTIONS = {
     "fastmath": FASTMATH,
     "error_model": "numpy",
@@ -73,13 +74,18 @@ def inlined(function: Callable) -> Callable:
 def inner(function: Callable) -> Callable:
     """Plain Python for Python, and a part of the kernels that call it.
 
-    What no Python calls is so sooner compiled: without what a kernel needs besides, and once for all that call it.
+    For what only kernels call.  It compiles sooner than with `jit`: without the wrapper by which Python calls a kernel,
+    and once for all kernels that call it.
     """
     return register_jitable(**IN_PLACE)(function)
 
 
 def as_records(array: np.ndarray) -> np.ndarray:
-    """An array of records whose fields kernels read as attributes, be they compiled or not; plain arrays are unboxed sooner."""
+    """An array of records whose fields kernels read as attributes.
+
+    Compiled kernels read them of any structured array, and take a plain one sooner than a recarray; kernels that are not
+    compiled need the recarray.
+    """
     return array.view(np.recarray) if numba.config.DISABLE_JIT else array
 
 

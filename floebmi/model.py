@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi import __version__
-from floebmi.advance import Advance, Counters, State, draw_own
+from floebmi.advance import Advance, draw_own
 from floebmi.agreement import named, of_grid, refuse_other, refuse_other_coast
 from floebmi.arrays import all_finite
 from floebmi.boundaries import (
@@ -99,6 +99,7 @@ from floebmi.sampling import (
     shares,
     without_cell,
 )
+from floebmi.state import Counters, State
 from floebmi.vorticity import Vorticity
 
 Out = Mapping[str, np.ndarray] | None
@@ -1020,7 +1021,7 @@ class Model:
             floes.allow_own(name)
             setattr(floes, name, of_floes(name))
         s = self._state
-        if not floes.same(self.floes):  # else an advance that was refused is undone
+        if not floes.same(self.floes):  # else these very floes are put back, and stay accepted
             self._accepted = None
         vars(self)["floes"] = floes
         self.time = float(state["time"])

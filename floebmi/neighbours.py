@@ -80,7 +80,7 @@ def _find(x, y, reach, land, period_x, period_y):
     level = np.empty(x.size, np.int32)
     smallest = reach.min()
     for k in range(x.size):
-        level[k] = max(int(np.floor(np.log2(reach[k] / smallest))), 0)  # of rounding
+        level[k] = max(int(np.floor(np.log2(reach[k] / smallest))), 0)  # rounding may give −1
     level[land] = level.max() + 1
     grids, cell_start, items = _levels(x, y, reach, level, period_x, period_y)
     start = np.empty(x.size + 1, np.int64)

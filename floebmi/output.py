@@ -770,18 +770,13 @@ def _grid_of(model: "Model", row: Variable) -> "Grid":
     return model.grid if fluid is None else fluid.grid
 
 
-def _input(model: "Model", row: Variable) -> np.ndarray | None:
-    fluid, _, name = row.home.partition(".")
-    return getattr(getattr(model, fluid), name, None)
-
-
 def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
     """The rows of the table that the model has and that were asked for."""
     fields = model.fields()
     has = [
         row
         for row in VARIABLES
-        if (row.name in fields if row.intent == "out" else _input(model, row) is not None)
+        if (row.name in fields if row.intent == "out" else row.array_in(model) is not None)
     ]
     if names is None:
         return has
@@ -796,7 +791,7 @@ def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
 
 def _values(model: "Model", rows: list[Variable]) -> dict[str, np.ndarray]:
     values = dict(model.fields())
-    values.update((row.name, _input(model, row)) for row in rows if row.intent == "in")
+    values.update((row.name, row.array_in(model)) for row in rows if row.intent == "in")
     return values
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from floebmi.boundaries import Domain, check_domain
 from floebmi.floes import Floes, check_floes
 from floebmi.neighbours import find_pairs
+from floebmi.pairs import wrap
 
 
 class Overlap(NamedTuple):
@@ -45,11 +46,11 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]
     pairs = find_pairs(x, y, r, domain.period)
     i, j = pairs.i, pairs.j
-    distance = []
-    for place, period in zip((x, y), domain.period, strict=True):
-        d = place[j] - place[i]
-        distance.append(d if period is None else d - period * np.rint(d / period))
-    overlap = r[i] + r[j] - np.hypot(*distance)
+    apart = (
+        wrap(period, place[j] - place[i])
+        for place, period in zip((x, y), domain.period, strict=True)
+    )
+    overlap = r[i] + r[j] - np.hypot(*apart)
     share = overlap / np.minimum(r[i], r[j])
     land = floes.land[number]
     found = np.flatnonzero((share > allowed) & ~(land[i] & land[j]))

@@ -373,8 +373,6 @@ def stiffest(
             packed.floes,
             packed.inverse_x,
             packed.inverse_y,
-            packed.spinning,
-            packed.inverse_spin,
             pairs.i,
             pairs.j,
             walls,
@@ -386,8 +384,7 @@ def stiffest(
 
 @jit
 def _stiffest(
-    law, period_x, period_y, floes, inverse_x, inverse_y, spinning, inverse_spin,
-    pair_i, pair_j, walls, closing, widest,
+    law, period_x, period_y, floes, inverse_x, inverse_y, pair_i, pair_j, walls, closing, widest
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
@@ -623,11 +620,11 @@ def _(spinning: None, k, omega):
 
 
 @in_place
-def stock_of_each(of, motion, radius, thickness, u, v, omega, density, stock):
-    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes; land has none of them."""
+def stock_of_each(of, radius, thickness, u, v, omega, density, stock):
+    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; 0 of the others."""
     for k in range(of.size):
         m = density * np.pi * radius[k] * radius[k] * thickness[k]
-        m = m if of[k] & ((motion[k] & LAND) == 0) else 0.0
+        m = m if of[k] else 0.0
         turns = radius[k] * recall(omega, k)
         stock[0, k], stock[1, k], stock[2, k] = m, m * u[k], m * v[k]
         stock[3, k] = 0.5 * m * (u[k] * u[k] + v[k] * v[k] + 0.5 * turns * turns)  # J = m r²/2
@@ -665,7 +662,10 @@ def _(spinning: None, p, press, power):
 
 @dispatched
 def add_walls(walls, press, power):
-    """Of a wall, |F|² is what the ice pushes times all that pushes: what its load does is no energy of the ice."""
+    """The same of walls, where |F|² is the force of the ice times the net force (eq. kept-energy).
+
+    What the load does is work on the wall, not energy of the ice.
+    """
     for w in range(walls.size):
         wall = walls[w]
         press += wall.inverse_mass * wall.force * (wall.force + wall.side * wall.press)

@@ -23,9 +23,10 @@ from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import Coast, land_geometry, read_features
 from floebmi.errors import InputError, choose
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
-from floebmi.grid import Grid
+from floebmi.grid import Grid, following_nodes
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
+from floebmi.pairs import wrap
 from floebmi.quantities import FARTHEST, flat, is_number, number_in, unmasked
 from floebmi.sampling import check_period
 from floebmi.sizes import Sizes, check_sizes, csv_lines
@@ -637,11 +638,7 @@ def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray
 def _dry_edges(grid: Grid) -> np.ndarray:
     """Edges of dry cells that are not between two dry cells, shape (k, 4): x, y of both ends."""
     nodes = grid.face_nodes[~grid.wet]
-    following = np.roll(nodes, -1, axis=1)
-    first = nodes[:, :1]
-    following = np.where(
-        (following < 0) | (np.arange(nodes.shape[1]) == nodes.shape[1] - 1), first, following
-    )
+    following = following_nodes(nodes)
     pairs = np.sort(np.stack([nodes[nodes >= 0], following[nodes >= 0]], axis=1), axis=1)
     pairs, count = np.unique(pairs, axis=0, return_counts=True)
     a, b = pairs[count == 1].T
@@ -652,9 +649,7 @@ def _area_inside(grid: Grid, domain: Domain) -> np.ndarray:
     """Area of each cell inside the domain [m²], shape (grid.size,)."""
     import shapely
 
-    nodes = grid.face_nodes
-    corner_x = np.where(nodes >= 0, grid.node_x[nodes], grid.node_x[nodes[:, :1]])
-    corner_y = np.where(nodes >= 0, grid.node_y[nodes], grid.node_y[nodes[:, :1]])
+    corner_x, corner_y = grid.corner_x, grid.corner_y
     low = np.minimum(corner_x.min(axis=1) - domain.x[0], corner_y.min(axis=1) - domain.y[0])
     high = np.minimum(domain.x[1] - corner_x.max(axis=1), domain.y[1] - corner_y.max(axis=1))
     area = np.array(grid.area)
@@ -1046,7 +1041,7 @@ def _press(
     while done < sweeps:
         if moved + grown >= skin / 2:
             skin = min(typical * min(max(2 * worst, SKIN[0]), SKIN[1]), widest)
-            _wrap(all_x[:n], all_y[:n], domain)
+            all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
             reach = np.concatenate([pressed[:n] + skin / 2, still])
             _, i, j = find_pairs(all_x, all_y, reach, domain.period)
             i, j = _some_free(i, j, movable)
@@ -1072,7 +1067,7 @@ def _press(
                 apart = int(np.exp(rng.uniform(0.0, np.log(max(n // 8, 1)))))
                 first = int(rng.integers(0, 2 * apart))
                 grown += _swap(size, pressed, squeezed, order, apart, first, idle)
-    _wrap(all_x[:n], all_y[:n], domain)
+    all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
     x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
     _, i, j = find_pairs(all_x, all_y, size, domain.period)
     i, j = _some_free(i, j, movable)
@@ -1125,24 +1120,8 @@ def _some_free(i: np.ndarray, j: np.ndarray, free: np.ndarray) -> tuple[np.ndarr
 def _distance(
     x: np.ndarray, y: np.ndarray, i: np.ndarray, j: np.ndarray, domain: Domain
 ) -> np.ndarray:
-    dx, dy = x[j] - x[i], y[j] - y[i]
     length_x, length_y = domain.period
-    if length_x is not None:
-        dx -= length_x * np.rint(dx / length_x)
-    if length_y is not None:
-        dy -= length_y * np.rint(dy / length_y)
-    return np.hypot(dx, dy)
-
-
-def _wrap(x: np.ndarray, y: np.ndarray, domain: Domain) -> None:
-    """Bring centres back into the domain, in place, along its periods."""
-    for centre, (low, high), length in zip(
-        (x, y), (domain.x, domain.y), domain.period, strict=True
-    ):
-        if length is not None:
-            out = np.flatnonzero((centre < low) | (centre >= high))
-            centre[out] = low + np.mod(centre[out] - low, length)
-            centre[out[centre[out] >= high]] = low
+    return np.hypot(wrap(length_x, x[j] - x[i]), wrap(length_y, y[j] - y[i]))
 
 
 @jit

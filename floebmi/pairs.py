@@ -38,9 +38,8 @@ from floebmi.contact import blow, coefficient, lever_arm, pair_force, strength
 from floebmi.kernels import BLOCK, as_records, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
-FRICTION, DASHPOTS, BONDS, FAILURE, BROKEN = range(
-    5
-)  # what is lost to each [J], and the bonds broken
+# Columns of `Books.lost`: the energy that each took [J], and the number of bonds broken.
+FRICTION, DASHPOTS, BONDS, FAILURE, BROKEN = range(5)
 
 BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
     [
@@ -59,7 +58,10 @@ BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
 
 
 class PairList(NamedTuple):
-    """Candidate pairs and what they remember; see `contact.memories`."""
+    """Candidate pairs and what they remember; see `contact.memories`.
+
+    i, j : rows of the packed floes; start : pairs of row k are start[k] to start[k + 1], None in the short list
+    """
 
     start: np.ndarray | None
     i: np.ndarray
@@ -109,7 +111,10 @@ class Near(NamedTuple):
 
 
 def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
-    """Room for the short list of a list, each part with space to fill its last four; and its pairs as such."""
+    """Room for the short list of a list, and the same arrays as a `PairList`.
+
+    Each part has room for four pairs more than it may hold, since pairs are taken four at a time.
+    """
     count = len(parts) - 1
     room = len(pairs.i) + count * LANES
     slot, i, j = np.empty((3, room), np.uint32)
@@ -131,7 +136,7 @@ def room_for_blows(parts: np.ndarray) -> np.ndarray:
 
 
 def remembering(names: tuple[str, ...], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """What n pairs remember, nothing yet: by name, and as one block with a row for each name."""
+    """Room for what n pairs remember, all 0: by name, and as one block of which the named arrays are the rows."""
     block = np.zeros((len(names), n))
     return dict(zip(names, block, strict=True)), block
 
@@ -202,7 +207,7 @@ def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
 
 @in_place
 def settle(near, first_part, last_part):
-    """Back into the list what pairs of the short list remember."""
+    """Copy what pairs of the short list remember back into the list."""
     for part in range(first_part, last_part):
         first = near.parts[part] + LANES * part
         for row in range(near.block.shape[0]):
@@ -221,8 +226,9 @@ def touch_floes(
     """Add the forces of a part of the short list, a block at a time.
 
     dt : time over which contacts have slipped
-    inverse : inverse masses and inertia; what contacts that opened or closed have to strike is noted, unless it is None
-    lost : see `FRICTION` and those after it
+    inverse : inverse masses along x and y, and inverse inertia; None: contacts that opened or closed note no blows
+    lost : a row of `Books.lost`
+    Returns how many blows there are.
     """
     begin = near.parts[part] + LANES * part
     end = begin + near.counts[part]
@@ -316,7 +322,7 @@ def _(slip: None, spinning, f, nx, ny, a_i, a_j, k, buffer):
 
 @dispatched
 def keep_no_torque(spinning, k, buffer):
-    """Floes turn, but what touches them is smooth."""
+    """No torque of a contact that does not resist slip, on floes that turn."""
     buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
 
 
@@ -395,7 +401,7 @@ def _(own: None, of_all, slot, buffer):
 def note_blows(
     inverse, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows, noted, buffer
 ):  # fmt: skip
-    """Note the blows of a block of pairs, few; returns how many there are by now."""
+    """Note the blows of a block of pairs, most of which have none; returns how many there are by now."""
     for k in range(n):
         normal, tangential = buffer[BLOW_N + k], blow_along(slip, k, buffer)
         if normal == 0.0 and tangential == 0.0:

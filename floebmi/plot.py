@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
+from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.output import in_one_go, open_file
 from floebmi.variables import VARIABLES, find
 
@@ -294,6 +295,7 @@ def animate(
     for name, value in (("fps", fps), ("every", every)):
         if value < 1:
             raise InputError(f"{name} = {value}: must be at least 1")
+    # not `in_one_go`: the ending tells the writers the format
     part = to.with_name(f"{to.stem}.part{to.suffix}")
     with matplotlib.rc_context(style()), ExitStack() as files:
         view = _open_view(files, trajectories, gridded)
@@ -861,10 +863,9 @@ class _FloePicture:
     ) -> None:
         self._view, self._color, self._arrows = view, color, arrows
         data = view.data
-        self._radius = self.read("radius", 0)
         motion = self.read("motion", 0).astype(int)
-        held = (motion & 7) == 7
-        self.still = ((motion & 8) != 0) | (held & self._never_moves())
+        held = (motion & FIXED) == FIXED
+        self.still = ((motion & LAND_BIT) != 0) | (held & self._never_moves())
         self.bar = None
         if color is not None:
             self._check_color(color)
@@ -981,12 +982,14 @@ class _FloePicture:
         return _filled(variable[k] if variable.ndim == 2 else variable[:])
 
     def _never_moves(self) -> np.ndarray:
-        """Floes that stand where they stood, in the first and last frame."""
+        """Floes at rest in the first frame, and in the last one where they were then."""
         first, last = 0, len(self._view.time) - 1
-        gone = np.nan_to_num(self.read("u", first)) ** 2 + np.nan_to_num(self.read("v", first)) ** 2
+        speed2 = (
+            np.nan_to_num(self.read("u", first)) ** 2 + np.nan_to_num(self.read("v", first)) ** 2
+        )
         moved = np.abs(self.read("x", last) - self.read("x", first))
         moved += np.abs(self.read("y", last) - self.read("y", first))
-        return (gone == 0) & ~(moved > 0)
+        return (speed2 == 0) & ~(moved > 0)
 
     def _check_color(self, color: str) -> None:
         have = ["speed"] + [

@@ -22,10 +22,10 @@ from floebmi.errors import InputError
 from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
-    from floebmi.advance import Counters
     from floebmi.budgets import Ledger
     from floebmi.forcing import VelocitySource
     from floebmi.model import Fluid, Model
+    from floebmi.state import Counters
 
 DAY = 86400.0
 SAVED_EVERY = 60.0  # seconds on the clock between states saved while a run goes on
@@ -177,7 +177,7 @@ def run(
             raise InputError(f"{name}: the model has none to force; list {law} among its forces")
     start, end, before = model.time, model.time + total, model.counters.floe_steps
     for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
-        if source is not None and fluid is not None:
+        if source is not None:
             check_forcing(source, fluid, start, end)
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
@@ -305,7 +305,7 @@ def _save(
 
 
 class Forcing:
-    """Fills the velocities of the fluids."""
+    """Fills the velocities of a model's fluids, of those that have a source and are in the model."""
 
     def __init__(
         self, model: "Model", ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
@@ -316,6 +316,7 @@ class Forcing:
         ]
 
     def fill(self, t: float) -> None:
+        """Fill them as they are at t [s]."""
         for source, fluid in self._pairs:
             source.fill(t, fluid.u, fluid.v)
 
@@ -422,7 +423,6 @@ class _Meter:
         from tqdm import tqdm
 
         self._start, self._total = model.time, total
-        self._steps = model.counters.floe_steps
         self._last: tuple[float, float, int] | None = None
         self._bar = tqdm(
             total=total,

@@ -87,7 +87,7 @@ class Polygons(NamedTuple):
 
 PATCH = 3  # columns and rows of cells in which a disc is looked at together: many reach no more
 LINES = PATCH + 1  # of the grid, that bound them
-# Rows of the buffer of a block of discs: results lie below what they are computed from.
+# Rows of the buffer of a block of discs: results in lower rows than what they are computed from, as in columns.py.
 AMOUNT, TOTAL = 0, PATCH**2 * BLOCK  # areas in cells, and their sum
 CORNER = TOTAL + BLOCK  # areas south-west of corners
 WEST = CORNER + LINES**2 * BLOCK  # H of the lines

@@ -160,15 +160,15 @@ def read_scalar(
         files, grid, projection, position, file_projection, time, select, fill_land, mask, outside
     )
     if quantity == "land_fraction":
-        return _land(files, on, variable, units)
+        return _land(on, variable, units)
     if quantity == "area_fraction":
-        return _concentration(files, on, variable, units)
-    found = _find(files, _THICKNESS, variable, "variable", on)
+        return _fraction(_find(_CONCENTRATION, variable, "variable", on), units, on)
+    found = _find(_THICKNESS, variable, "variable", on)
     factor = length_factor(units or found.array.attrs.get("units"), found.label)
     kind = thickness_of if thickness_of != "auto" else _thickness_of(found)
     share, as_wanted = None, (kind == "cell") == (quantity == "sea_ice_volume")
     if not as_wanted or concentration is not None or holds(files, _CONCENTRATION):
-        share = _find(files, _CONCENTRATION, concentration, "concentration", on)
+        share = _find(_CONCENTRATION, concentration, "concentration", on)
     # Volume and area of ice have means between points; thickness has none where some are open water.
     if kind == "ice" and (share is None or _points(share) != _points(found)):
         there = _interpolated(found, on, lambda h: np.where(np.isnan(h), h, h > 0))
@@ -188,15 +188,9 @@ def _over(label: str, volume: np.ndarray, area: np.ndarray) -> np.ndarray:
     return _bounded(label, thickness, _THICKEST)
 
 
-def _find(files: list[File], wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
-    found = find(files, wanted, None if name is None else (name,), option)
+def _find(wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
+    found = find(on.files, wanted, None if name is None else (name,), option)
     return field(*found.variables[0], select=on.select)
-
-
-def _concentration(
-    files: list[File], on: _On, name: str | None, units: str | None, option: str = "variable"
-) -> np.ndarray:
-    return _fraction(_find(files, _CONCENTRATION, name, option, on), units, on)
 
 
 def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
@@ -220,8 +214,8 @@ def _thickness_of(found: Field) -> str:
     )
 
 
-def _land(files: list[File], on: _On, name: str | None, units: str | None) -> np.ndarray:
-    found = find(files, _LAND, None if name is None else (name,), "variable")
+def _land(on: _On, name: str | None, units: str | None) -> np.ndarray:
+    found = find(on.files, _LAND, None if name is None else (name,), "variable")
     part = field(*found.variables[0], select=on.select)
     water = water_value(part.file, part.name)
     if water is None:

@@ -12,7 +12,7 @@ import math
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -44,7 +44,7 @@ from floebmi.floes import (
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
-from floebmi.quantities import NonNegative, Positive, PositiveFraction
+from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
 from floebmi.running import check_intervals
 from floebmi.scenes import packaged
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
@@ -60,6 +60,7 @@ from floebmi.tables import (
     validate,
     word_or,
 )
+from floebmi.taylor import PAPERS_STEP
 
 if TYPE_CHECKING:
     from floebmi.coast import Coast
@@ -69,9 +70,9 @@ if TYPE_CHECKING:
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
 
 Pair = tuple[float, float]
-Count = Annotated[int, Field(ge=1)]
 ScenePath = str  # of a file, relative to the scene file
 Axis = Literal["x", "y", "rotation"]
+# those of places.py and remap.py, which need scipy: scenes are read without it
 Position = Literal["auto", "mapping", "lonlat"]
 FillLand = Literal["error", "nearest", "dry"]
 # of all tables that read a gridded file
@@ -86,7 +87,6 @@ _FILL_LAND = "what a wet cell gets where the file has only land"
 _DRAG = f"a preset ({', '.join(DRAG_PRESETS)}), or a table of coefficients"
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 _EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
-_PRESET_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
 
 
 # ---- where: domain and grid -------------------------------------------------------------------
@@ -779,7 +779,7 @@ class Scene(Table):
         return Built(model, ocean, atmosphere, land)
 
     def tilt_sea(self, model: "Model") -> None:
-        """Give the ocean the slope of the scene; a state that is taken up has that of its own."""
+        """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
 
@@ -813,7 +813,7 @@ class Scene(Table):
             return step
         if given.keys() & {"fraction", "length"}:  # the user's own step instead of Eq. 4's
             given.setdefault("epsilon", None)
-        return _PRESET_STEP._replace(**given)
+        return PAPERS_STEP._replace(**given)
 
     def forces(self) -> list[Force]:
         """The forces that the scene lists."""

@@ -400,9 +400,9 @@ def _one_line(
     to_blame = _override_of(path, overrides)
     message = _message(declaration, first)
     if to_blame is None:
-        return _place(path, first[0], tables, name) + message + rest
+        return _place(path, tables, name) + message + rest
     if first[0]["type"] == "value_error":  # of several keys together
-        return f"{_place(path, first[0], tables, name)}{message} (with --set {to_blame.text}){rest}"
+        return f"{_place(path, tables, name)}{message} (with --set {to_blame.text}){rest}"
     return f"--set {to_blame.text}: {message}{rest}"
 
 
@@ -446,7 +446,7 @@ def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | Non
     return None
 
 
-def _place(path: tuple, error: Any, tables: Any, name: str) -> str:
+def _place(path: tuple, tables: Any, name: str) -> str:
     """File, table, key and value of a path, as a person would look for them."""
     table, key = _split(path, tables)
     where = f"{name}: [{_table_name(table, tables)}]" if table else f"{name}:"

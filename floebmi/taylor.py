@@ -6,6 +6,7 @@ They are there to compare with; `dynamics.verlet` is the default scheme.
 import numpy as np
 
 from floebmi.dynamics import (
+    Step,
     drift_walls,
     forget,
     hold_back,
@@ -25,6 +26,8 @@ from floebmi.forces import (
 from floebmi.kernels import BLOCK, dispatched, in_place, inner
 from floebmi.pairs import narrow, settle
 
+PAPERS_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
+
 
 @in_place
 def taylor(
@@ -39,7 +42,7 @@ def taylor(
     gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
     """
     p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
-    start, constraint = parts - parts, books.held[parts - 1]
+    start, constraint = parts - parts, books.held[parts - 1]  # a zero, as in `dynamics.verlet`
     ahead = 0.5 if third_order else 0.0
     pair_buffer, _ = buffers
     done, way, since, skin = 0, 0.0, np.inf, lists.skin

@@ -28,6 +28,7 @@ from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
 from floebmi.output import FILE_VERSION, open_file
+from floebmi.pairs import wrap
 from floebmi.running import Forcing
 from floebmi.scene import Built, Scene, Schedule, read_scene
 from floebmi.vorticity import gradient_operators
@@ -184,8 +185,7 @@ def _way(model: "Model", before: Floes) -> np.ndarray:
     for old, new, period in zip(
         (before.x, before.y), (now.x, now.y), model.domain.period, strict=True
     ):
-        d = new[:n][stays] - old[stays]
-        way.append((mass * (d if period is None else d - period * np.rint(d / period))).sum())
+        way.append((mass * wrap(period, new[:n][stays] - old[stays])).sum())
     return np.array(way) / (mass.sum() or 1.0)
 
 
@@ -515,19 +515,15 @@ def _with_noise(one: "xr.Dataset") -> str:
 
 def figure(data: "xr.Dataset", title: str) -> "Figure":
     """Error against cost of each setting, with the front."""
-    import matplotlib
-    import matplotlib.pyplot as plt
-
     from floebmi import plot
 
     of, on_front = data.attrs["of"], front(data)
     here = data.sel(quantity=of)
     here = here.isel(setting=np.argsort(here.cost_per_day.values))
     here = here.where(here.error > 0, drop=True)
-    with matplotlib.rc_context(plot.style() | {"axes.facecolor": "white"}):
-        drawn, (ax, names) = plt.subplots(
-            1, 2, figsize=(10.5, 4.6), dpi=160, layout="constrained", width_ratios=(1, 0.95)
-        )
+    with plot.graph(10.5, 4.6) as drawn:
+        drawn.dpi = 160
+        ax, names = drawn.subplots(1, 2, width_ratios=(1, 0.95))
         line = [s for s in on_front if s in here.setting.values]
         ax.plot(
             here.cost_per_day.sel(setting=line), here.error.sel(setting=line), "-", color=FRONT,

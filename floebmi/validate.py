@@ -41,11 +41,11 @@ from floebmi.output import load_restart, open_file, save_restart
 from floebmi.packing import regular, relax, scatter
 from floebmi.running import run
 from floebmi.sizes import PowerLaw, UniformSize
+from floebmi.taylor import PAPERS_STEP
 
 DENSITY = 934.0
 PAPER = "Damsgaard et al. 2018, doi:10.1029/2018MS001299"
 PERIODIC = ("periodic",) * 4
-PAPERS_STEP = Step("taylor3", epsilon=0.07)
 
 
 class Measure(NamedTuple):

@@ -13,9 +13,14 @@ all have the short one.  `model.fields()` has short names, BMI and Landlab CSDMS
 """
 
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from floebmi.errors import InputError, choose
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from floebmi.model import Model
 
 LONGEST_NAME = 40  # letters, of a variable in a file
 
@@ -60,6 +65,11 @@ class Variable(NamedTuple):
         if self.grid == "floe" or self.cf is None or len(self.cf) > LONGEST_NAME:
             return self.name
         return self.cf
+
+    def array_in(self, model: "Model") -> "np.ndarray | None":
+        """The array of a model that holds an input, None where the model does not read it."""
+        fluid, _, name = self.home.partition(".")
+        return getattr(getattr(model, fluid), name, None)
 
 
 class Axis(NamedTuple):
@@ -485,12 +495,12 @@ def find(name: str) -> Variable:
 
 
 def inputs() -> tuple[Variable, ...]:
-    """What a host sets."""
+    """The gridded variables that a host sets."""
     return tuple(row for row in VARIABLES if row.intent == "in")
 
 
 def outputs() -> tuple[Variable, ...]:
-    """What `model.fields()` gives."""
+    """The gridded variables that the model computes: `model.fields()` has those of its laws."""
     return tuple(row for row in VARIABLES if row.intent == "out")
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from floebmi.geometry import disc_south_west, disc_west
 from floebmi.grid import Grid
 
 SIDE = 12_000.0  # m
@@ -70,3 +71,13 @@ def random_floes(
     radius = SIDE / CELLS * 10**log_ratio * rng.uniform(0.5, 1.5, n)
     x, y = rng.uniform(-0.05 * SIDE, 1.05 * SIDE, (2, n))
     return x, y, radius
+
+
+def disc_rectangle(west, east, south, north, x, y, r):
+    """Area of a disc (x, y, r) in one rectangle, put together of its four corners as `sampling` does for many [m²]."""
+    total = 0.0
+    for px, sign_x in ((east - x, 1), (west - x, -1)):
+        for py, sign_y in ((north - y, 1), (south - y, -1)):
+            corner = disc_south_west(px, py, disc_west(px, r), disc_west(py, r), r)
+            total += sign_x * sign_y * corner
+    return max(total, 0.0)

@@ -74,6 +74,32 @@ def test_numba_is_set_up_in_kernels_alone():
             )
 
 
+def test_what_kernels_compile_in_is_of_files_that_their_cache_is_named_after():
+    sources = {path.stem: path.read_text() for path in FILES}
+    hashed = {
+        name
+        for name, source in sources.items()
+        if "kernels import" in source or "from numba" in source  # as in `kernels._cache_folder`
+    }
+    compiled = {"jit", "in_place", "inlined", "inner", "dispatched", "register", "overload"}
+    for file in sorted(hashed):
+        tree = ast.parse(sources[file])
+        foreign = {
+            alias.asname or alias.name: node.module
+            for node in tree.body
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("floebmi.")
+            for alias in node.names
+            if node.module.split(".")[1] not in hashed
+        }
+        for function in ast.walk(tree):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            words = re.findall(r"\w+", " ".join(map(ast.unparse, function.decorator_list)))
+            if compiled & set(words):
+                used = {node.id for node in ast.walk(function) if isinstance(node, ast.Name)}
+                assert not used & foreign.keys(), f"{file}.{function.name} would go on as it was"
+
+
 def test_every_equation_that_is_cited_is_defined_in_the_theory():
     defined = set(re.findall(r"\*\*([a-z0-9-]+)\*\*", (ROOT / "docs/theory.md").read_text()))
     for path in [*FILES, *EXPERIMENTS, *sorted((ROOT / "coupling").glob("*.py"))]:

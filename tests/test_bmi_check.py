@@ -90,8 +90,10 @@ def test_the_command_answers_in_lines_and_with_its_exit_code(config, capsys):
     assert (
         bmi_check.main(["coupling.slab:TwoSlabOcean", config, "--velocity", "u", VELOCITY[1]]) == 2
     )
-    for line in capsys.readouterr().out.splitlines():
-        assert line.startswith(("ok", "WRONG", "error"))
+    told = capsys.readouterr()
+    assert all(line.startswith(("ok", "WRONG")) for line in told.out.splitlines())
+    errors = told.err.splitlines()
+    assert len(errors) == 2 and all(line.startswith("floebmi.bmi_check: ") for line in errors)
 
 
 def test_a_name_that_is_not_there_is_refused(config):

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from exchange_grids import disc_rectangle
 from hypothesis import example, given, settings, strategies as st
 
-from floebmi.errors import InputError
-from floebmi.geometry import cut, disc_polygon, disc_rectangle, disc_west
+from floebmi.geometry import cut, disc_polygon, disc_west
 
 SQUARE = np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 ELL = np.array([-1.0, 1.0, 1.0, 0.0, 0.0, -1.0]), np.array([-1.0, -1.0, 0.0, 0.0, 1.0, 1.0])
@@ -180,12 +180,3 @@ def test_a_branch_is_cut_where_it_crosses_an_edge_and_nowhere_else():
     assert cut(0.0, 0.0, 4.0, 0.0, 1.0, 0.1, 1.0, 1.0) == -1  # passes beside the edge
     assert cut(0.0, 0.0, 4.0, 0.0, 1.0, 0.0, 3.0, 0.0) == -1  # runs along it
     assert cut(0.0, 0.0, 4.0, 0.0, 2.0, 0.0, 2.0, 1.0) == 0.5  # through its corner
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [((1, 1, 0, 1, 0, 0, 1), "must be larger"), ((0, 1, 0, 1, 0, 0, 0.0), "radius = 0.0")],
-)
-def test_empty_rectangles_and_discs_are_refused(arguments, says):
-    with pytest.raises(InputError, match=says):
-        disc_rectangle(*arguments)

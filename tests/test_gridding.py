@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from exchange_grids import CELLS, GRIDS, SIDE, masked, random_floes
+from exchange_grids import CELLS, GRIDS, SIDE, disc_rectangle, masked, random_floes
 from hypothesis import given, settings, strategies as st
 
 from floebmi.errors import InputError
-from floebmi.geometry import disc_rectangle
 from floebmi.grid import Grid
 from floebmi.gridding import (
     area_budget,

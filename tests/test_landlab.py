@@ -218,6 +218,17 @@ def test_floes_across_the_rim_are_counted_as_outside():
     assert ice.mass_outside == pytest.approx(934.0 * np.pi * 300.0**2, rel=1e-12)
 
 
+def test_beside_a_coast_the_mass_outside_is_that_of_the_ice_alone():
+    grid = RasterModelGrid((6, 6), xy_spacing=1000.0)
+    ring = [[2600.0, 2600.0], [3400.0, 2600.0], [3400.0, 3400.0], [2600.0, 3400.0]]
+    ice = SeaIceFloes(
+        grid,
+        floes=Floes([500.0, 1500.0], 2500.0, 300.0, [2.0, 1.0]),
+        coast=from_polygons([ring], 100.0),
+    )
+    assert ice.mass_outside == pytest.approx(934.0 * np.pi * 300.0**2, rel=1e-12)
+
+
 def test_closed_nodes_have_no_water():
     grid = forced(RasterModelGrid((7, 7), xy_spacing=1000.0))
     grid.status_at_node[24] = grid.BC_NODE_IS_CLOSED

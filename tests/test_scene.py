@@ -417,29 +417,45 @@ concentration = 0.3
     assert len(built.land) == 1
 
 
-def test_land_over_a_periodic_seam_makes_cells_on_both_sides_dry_and_closes_both_to_an_inflow(
-    write,
-):
-    ring = [[800, 0], [1200, 0], [1200, 1000], [800, 1000], [800, 0]]
-    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
-    path = write(
-        """
+@pytest.fixture
+def over_a_seam(write):
+    """Writes a scene of a square kilometre, periodic along x, with land over its seam from y = low to high [m]."""
+
+    def make(low, high, rest):
+        ring = [[800, low], [1200, low], [1200, high], [800, high], [800, low]]
+        write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
+        return write(
+            """
 [domain]
 x = [0, 1000]
 y = [0, 1000]
 west = "periodic"
 east = "periodic"
-[grid]
-x = [-500, 500]
-shape = [10, 10]
 [coast]
 geojson = "land.geojson"
 radius = 20
+"""
+            + rest
+        )
+
+    return make
+
+
+def test_land_over_a_periodic_seam_makes_cells_on_both_sides_dry_and_closes_both_to_an_inflow(
+    over_a_seam,
+):
+    path = over_a_seam(
+        0,
+        1000,
+        """
+[grid]
+x = [-500, 500]
+shape = [10, 10]
 [inflow]
 edge = "south"
 sizes = { distribution = "single", radius = 20 }
 span = [100, 700]
-"""
+""",
     )
     assert "land lies along the edge south between 100 and 200 m" in refused(path)
     wet = read_scene(path, ["inflow.span=[200, 800]"]).build().model.grid.wet.reshape(10, 10)
@@ -447,24 +463,18 @@ span = [100, 700]
 
 
 @pytest.mark.parametrize("west, east", [(0, 500), (900, 1900)])
-def test_floes_in_part_of_a_periodic_domain_keep_clear_of_land_beyond_its_seam(write, west, east):
-    ring = [[800, 200], [1200, 200], [1200, 800], [800, 800], [800, 200]]
-    write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
-    path = write(
+def test_floes_in_part_of_a_periodic_domain_keep_clear_of_land_beyond_its_seam(
+    over_a_seam, west, east
+):
+    path = over_a_seam(
+        200,
+        800,
         """
-[domain]
-x = [0, 1000]
-y = [0, 1000]
-west = "periodic"
-east = "periodic"
-[coast]
-geojson = "land.geojson"
-radius = 20
 [floes]
 x = [0, 1]
 size = { distribution = "single", radius = 20 }
 concentration = 0.5
-"""
+""",
     )
     floes = read_scene(path, [f"floes.x=[{west}, {east}]"]).build().model.floes
     ice = floes.motion == 0

@@ -103,8 +103,18 @@ def make_figure(
             drawn = Drawn(figure, [], [], "")
         else:
             drawn = _from_ensembles(number, kind, values, seeds, to, how)
-        drawn.figure.savefig(to, dpi=160)
+        plot.save(drawn.figure, to)
     return drawn._replace(files=[*drawn.files, to])
+
+
+def _panels(
+    width: float, height: float, rows: int = 1, columns: int = 1, **how: Any
+) -> tuple["Figure", Any]:
+    """A figure of width × height inches, and its axes; without pyplot, as all of `plot`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=160, layout="constrained")
+    return figure, figure.subplots(rows, columns, **how)
 
 
 def _single(kind: type[Experiment], values: Mapping[str, Sequence[Any]], number: int) -> Experiment:
@@ -146,10 +156,8 @@ def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
 
 
 def _shear_cell(p: Shear, seed: int) -> "Figure":
-    import matplotlib.pyplot as plt
-
     cell = shear.consolidate(p, seed)
-    figure, axes = plt.subplots(1, 2, figsize=(7.2, 5.6), layout="constrained", sharey=True)
+    figure, axes = _panels(7.2, 5.6, 1, 2, sharey=True)
     time = 0.25 * p.duration
     for ax, title in zip(axes, ("consolidated", f"after {time:g} s of shear"), strict=True):
         f = cell.model.floes
@@ -177,9 +185,7 @@ def _shear_cell(p: Shear, seed: int) -> "Figure":
 
 
 def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 3.4), layout="constrained")
+    figure, (left, right) = _panels(7.6, 3.4, 1, 2)
     for model, one in data.items():
         colour, n = COLOURS[model], one.normal_stress.values / KPA
         each = one.shear_stress.transpose("normal_stress", "seed").values
@@ -226,24 +232,17 @@ def _band(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
-    figure, axes = plt.subplots(
-        1,
-        len(data),
-        figsize=(2.6 * len(data), 3.4),
-        layout="constrained",
-        sharey=True,
-        squeeze=False,
-    )
+    figure, axes = _panels(2.6 * len(data), 3.4, 1, len(data), sharey=True, squeeze=False)
     stresses = next(iter(data.values())).normal_stress.values / KPA
     norm = LogNorm(0.8 * stresses.min(), 1.25 * stresses.max())
     for ax, (model, one) in zip(axes[0], data.items(), strict=True):
         for n in one.normal_stress.values:
             mean = one.displacement.sel(normal_stress=n).mean("seed")
-            ax.plot(mean, one.layer, color=plt.cm.viridis(norm(n / KPA)))
+            ax.plot(mean, one.layer, color=colormaps["viridis"](norm(n / KPA)))
         ax.set(
             title=model, xlabel="displacement over the top's [1]", xlim=(-0.03, 1.03), ylim=(0, 1)
         )
@@ -260,10 +259,8 @@ def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
 
 
 def _strait_map(p: Strait, seed: int) -> "Figure":
-    import matplotlib.pyplot as plt
-
     model = strait.build(p, seed)
-    figure, ax = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    figure, ax = _panels(6.4, 4.0)
     _funnel(ax, model)
     ny, nx = model.grid.shape
     u, v = (c.reshape(ny, nx)[::2, ::2] for c in (model.ocean.u, model.ocean.v))
@@ -279,12 +276,8 @@ def _strait_map(p: Strait, seed: int) -> "Figure":
 
 
 def _strait_in_time(p: Strait, seed: int) -> "Figure":
-    import matplotlib.pyplot as plt
-
     given = p._asdict()
-    figure, axes = plt.subplots(
-        2, 3, figsize=(8.4, 3.9), layout="constrained", sharex=True, sharey=True
-    )
+    figure, axes = _panels(8.4, 3.9, 2, 3, sharex=True, sharey=True)
     for row, (model_name, laws) in zip(axes, TWO.items(), strict=True):
         one = make(Strait, {**given, **{name: v[0] for name, v in laws.items()}})
         model = strait.build(one, seed)
@@ -356,18 +349,11 @@ def chains(ax: "Axes", model: Any, unit: float) -> None:
 
 
 def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
 
     rows = len(data)
-    figure, axes = plt.subplots(
-        rows,
-        3,
-        figsize=(9.2, 3.2 * rows),
-        layout="constrained",
-        squeeze=False,
-        width_ratios=(1, 1, 1),
-    )
-    shades = plt.cm.viridis(np.linspace(0.0, 0.9, len(next(iter(data.values()))[sweep.name])))
+    figure, axes = _panels(9.2, 3.2 * rows, rows, 3, squeeze=False)
+    shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(next(iter(data.values()))[sweep.name])))
     for (mass, share, scale), (model, one) in zip(axes, data.items(), strict=True):
         for colour, value in zip(shades, one[sweep.name].values, strict=True):
             at = one.sel({sweep.name: value})

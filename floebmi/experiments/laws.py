@@ -5,6 +5,7 @@ from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, Elastic, Res
 from floebmi.dynamics import Step
 from floebmi.experiments.parameters import AS_THE_PAPER, Experiment
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
+from floebmi.taylor import PAPERS_STEP
 
 
 def contact(p: Experiment) -> Contact:
@@ -22,7 +23,7 @@ def contact(p: Experiment) -> Contact:
 
 def step(p: Experiment) -> Step:
     """How time is stepped."""
-    return Step("taylor3", epsilon=0.07) if p.preset in AS_THE_PAPER else Step()
+    return PAPERS_STEP if p.preset in AS_THE_PAPER else Step()
 
 
 def drag(p: Experiment) -> tuple[OceanDrag, AirDrag]:
