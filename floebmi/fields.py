@@ -96,7 +96,8 @@ def open_files(path: Source) -> list[File]:
     Raises
     ------
     InputError
-        for a file that is not there, not readable, or shorter than its header says.
+        for a file that is not there, not readable, or shorter than its header says, and for one of another calendar
+        than the standard one that lacks a time.
     """
     import xarray as xr
 
@@ -118,12 +119,11 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
             f"{path}: no such file" + (f"; {hint}" if hint.startswith("did you") else "")
         )
     zarr = path.is_dir()
+    engine = "zarr" if zarr else None
     if not zarr:
         _refuse_if_cut(path)
     try:
-        data = xr.open_dataset(
-            path, engine="zarr" if zarr else None, cache=False, decode_timedelta=False
-        )
+        data = xr.open_dataset(path, engine=engine, cache=False, decode_timedelta=False)
     except Exception as error:  # each engine has its own kinds
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         if not zarr and "did not find a match" in reason:
@@ -133,7 +133,24 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         raise InputError(
             f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}"
         ) from error
-    return File(path.name, data)
+    file = File(path.name, data)
+    times = [found for d in data.dims if (found := coordinate(file, str(d)))]
+    if any(a.dtype.kind == "O" and role(name, a) == "time" for name, a in times):
+        with xr.open_dataset(path, engine=engine, decode_times=False) as numbers:
+            _refuse_missing_times(File(path.name, numbers), [name for name, _ in times])
+    return file
+
+
+def _refuse_missing_times(file: File, names: list[str]) -> None:
+    """InputError for a time that the file does not have, of coordinates whose dates are still numbers.
+
+    Dates of cftime know no missing one: it is read as the date that the numbers count from.
+    """
+    for name in names:
+        values = file.data[name].values
+        missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, bool)
+        if missing.any():
+            raise InputError(f"{file.label}: {name}[{int(missing.argmax())}] is not a time")
 
 
 def _refuse_if_cut(path: Path) -> None:

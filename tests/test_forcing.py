@@ -859,6 +859,17 @@ def test_a_noleap_calendar_has_no_29_february(tmp_path):
         VelocityFile(path, grid, start="2016-02-29")
 
 
+@pytest.mark.parametrize("calendar", ["noleap", "standard"])
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_missing_time_is_refused_in_each_calendar(tmp_path, calendar, lost):
+    days = [0.0, 1.0]
+    days[lost] = np.nan
+    data = in_time(metres(0.1, 0.0), days)
+    data["time"].attrs = {"units": "days since 1900-01-01", "calendar": calendar}
+    with pytest.raises(InputError, match=rf"time\[{lost}\] is not a time"):
+        VelocityFile(saved(data, tmp_path), square())
+
+
 def test_a_run_that_names_its_calendar_takes_files_of_no_other(tmp_path):
     data, grid = in_time(metres(0.1, 0.0), [0.0, 1.0]), square()
     for own, other in (("noleap", "standard"), ("360_day", "noleap"), ("standard", "365_day")):
