@@ -835,9 +835,7 @@ class Scene(Table):
             return self.ice.draft
         water = [law.density for law in self.forces() if isinstance(law, OceanDrag)]
         if not water:
-            raise InputError(
-                f"{self._file}: [ice] draft = 'hydrostatic': needs [ocean], whose density sets it"
-            )
+            raise InputError("[ice] draft = 'hydrostatic': needs [ocean], whose density sets it")
         return self.ice.density / water[0]
 
     def _grid(self, name: str, table: Any, domain: Domain) -> Grid | None:

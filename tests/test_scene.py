@@ -152,6 +152,7 @@ def test_a_wrong_scene_is_refused_in_one_line_with_file_table_and_key(write, tex
     path = write(f"[domain]\nx = [0, 1]\ny = [0, 1]\n{text}\n")
     found = refused(path)
     assert found.startswith(f"{path}: ")
+    assert found.count(str(path)) == 1
     assert said in found
 
 
