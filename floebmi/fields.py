@@ -197,7 +197,8 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
     Raises
     ------
     InputError
-        if there are none or more than one; the line lists the candidates and names `option`.
+        if there are none or more than one (the line lists the candidates and names `option`), or if one is in several
+        files.
     """
     where = ", ".join(f.label for f in files)
     if given is not None:
@@ -208,6 +209,9 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
         return Found(variables, word, "as told")
     for row in wanted.standard:
         hits = [_with_standard_name(files, name) for name in row[:-1]]
+        for hit in hits if all(hits) else ():
+            for name in dict.fromkeys(name for _, name in hit):
+                _check_one([f for f, n in hit if n == name], name)
         if max(map(len, hits)) > 1 and all(hits):
             several = ", ".join(name for hit in hits for _, name in hit)
             raise InputError(
@@ -221,7 +225,7 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
         several = " or ".join(", ".join(map(str, r[:-1])) for r in rows)
         raise InputError(f"{where}: {several} could be the {wanted.what}: choose with {option}")
     if rows:
-        variables = tuple((_holding(files, n)[0], n) for n in rows[0][:-1])
+        variables = tuple((_check_one(_holding(files, n), n), n) for n in rows[0][:-1])
         return Found(variables, rows[0][-1], "well-known name")
     have = ", ".join(_describe(f, n) for f in files for n in f.data.data_vars if f.data[n].ndim)
     raise InputError(
@@ -246,7 +250,17 @@ def _named(files: list[File], name: str, where: str, option: str) -> tuple[File,
         raise InputError(
             f"{where}: {option} names {name!r}, not in the file; {choose(name, names)}"
         )
-    return holding[0], name
+    return _check_one(holding, name), name
+
+
+def _check_one(holding: list[File], name: str) -> File:
+    """The one file that has a variable; InputError if there are several, as of a series cut in pieces."""
+    if len(holding) > 1:
+        raise InputError(
+            f"{name} is in both {holding[0].label} and {holding[1].label}: several files hold the parts u, v, positions,"
+            " masks, not one stretch of time each: join them in one file first"
+        )
+    return holding[0]
 
 
 def _holding(files: list[File], name: str) -> list[File]:

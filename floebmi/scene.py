@@ -79,7 +79,7 @@ _POSITION = (
     "by x, y with their projection (or axes of longitude and latitude), or by 2-D longitude and latitude, "
     "where a file has both"
 )
-_FILE_PROJECTION = "plane of the file's own x and y, if it does not say"
+_FILE_PROJECTION = "plane of the file's own x and y, if it does not say or says it wrong"
 _SELECT = "index along any other dimension, as {member = 3}"
 _MASK = "its land-sea mask; 'none' takes missing values alone"
 _FILL_LAND = "what a wet cell gets where the file has only land"
@@ -474,7 +474,9 @@ class FluidTable(Table):
         "of wind that at 10 m",
     )
     select: dict[str, int] | None = Field(None, description=_SELECT)
-    units: str | None = Field(None, description="of the velocity, if the file does not say")
+    units: str | None = Field(
+        None, description="of the velocity, if the file does not say or says it wrong"
+    )
     mask: str = Field("auto", description=_MASK)
     fill_land: FillLand = Field("error", description=_FILL_LAND)
     position: Position = Field("auto", description=_POSITION)

@@ -859,6 +859,20 @@ def test_a_noleap_calendar_has_no_29_february(tmp_path):
         VelocityFile(path, grid, start="2016-02-29")
 
 
+@pytest.mark.parametrize("variables", [None, ("uo", "vo")])
+@pytest.mark.parametrize("standard", [True, False])
+def test_one_series_in_two_files_is_refused(tmp_path, variables, standard):
+    data = in_time(metres(0.1, 0.0), DAYS)
+    if not standard:
+        data.uo.attrs, data.vo.attrs = M_PER_S, M_PER_S
+    files = [
+        saved(data.isel(time=when), tmp_path, name)
+        for when, name in ((slice(0, 2), "a.nc"), (slice(1, 3), "b.nc"))
+    ]
+    with pytest.raises(InputError, match="uo is in both a.nc and b.nc: .* join them"):
+        VelocityFile(files, square(), variables=variables, vectors="grid")
+
+
 @pytest.mark.parametrize("calendar", ["noleap", "standard"])
 @pytest.mark.parametrize("lost", [0, 1])
 def test_a_missing_time_is_refused_in_each_calendar(tmp_path, calendar, lost):
