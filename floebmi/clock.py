@@ -127,6 +127,12 @@ class Clock:
             return None
         return float(self.seconds[0]), float(self.seconds[-1])
 
+    @property
+    def first_date(self) -> str | None:
+        """The date of the first of several records; None for one that holds always, and for times that are no dates."""
+        dated = self.seconds is not None and self.seconds.size > 1 and self._dates.dtype.kind != "f"
+        return _text(self._dates[0]) if dated else None
+
     def bracket(self, t: float) -> tuple[int, int, float]:
         """The records before and after t [s], and the weight of the second.
 

@@ -289,6 +289,11 @@ class VelocityFile:
         """First and last time [s] for which `fill` works; None: all times."""
         return self._clock.span
 
+    @property
+    def first_date(self) -> str | None:
+        """The date of the first of several records; None if one holds always, or if times are no dates."""
+        return self._clock.first_date
+
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,), linear between records; 0 where not covered.
 

@@ -570,7 +570,7 @@ class Time(Table):
     )
     start: str | None = Field(
         None,
-        description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; needed by dated files",
+        description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; else that of the first record of dated files",
     )
     calendar: Calendar | None = Field(
         None,
@@ -778,6 +778,9 @@ class Scene(Table):
             ocean = self._source(self.ocean, model.ocean)
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
+        with self.place("time"):
+            if self.time.start is None:
+                _check_same_begin(ocean, atmosphere)
         return Built(model, ocean, atmosphere, land)
 
     def tilt_sea(self, model: "Model") -> None:
@@ -979,6 +982,16 @@ class Scene(Table):
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
             calendar=self.time.calendar,
+        )
+
+
+def _check_same_begin(ocean: "VelocitySource | None", atmosphere: "VelocitySource | None") -> None:
+    """Refuse two dated files whose first records, each of which would be at time 0, are of other dates."""
+    currents, wind = (getattr(source, "first_date", None) for source in (ocean, atmosphere))
+    if None not in (currents, wind) and currents != wind:
+        raise InputError(
+            f"start is missing: the records of [ocean] begin at {currents}, those of [atmosphere] at {wind}, and both"
+            " would be time 0: say its date"
         )
 
 
