@@ -859,6 +859,28 @@ def test_a_noleap_calendar_has_no_29_february(tmp_path):
         VelocityFile(path, grid, start="2016-02-29")
 
 
+@pytest.mark.parametrize(
+    "start",
+    ["2016-02-01T06", "2016-02-01 06:00 PM", "2016-02-01 06:00 +1:00", "2016-02-01  06:00", "01-02-2016",
+     "2016-02-01 06:00 CET", "2016-02", "2016"],
+)  # fmt: skip
+@pytest.mark.parametrize("calendar", ["standard", "noleap"])
+def test_a_start_that_is_not_read_to_its_end_is_refused(tmp_path, start, calendar):
+    data = in_time(metres(0.1, 0.0), [0.0, 1.0])
+    data["time"].attrs = {"units": "days since 2016-02-01", "calendar": calendar}
+    with pytest.raises(InputError, match=f"not a date of the calendar '{calendar}'"):
+        VelocityFile(saved(data, tmp_path), square(), start=start)
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["2016-02-01 06:00", "2016-02-01T07:00+01:00", "2016-02-01T06:00:00.0Z", "2016-2-1 01:00 -05"],
+)
+def test_a_start_may_have_a_time_and_an_offset_from_utc(tmp_path, start):
+    path = saved(in_time(metres(0.1, 0.0), DAYS), tmp_path)
+    assert VelocityFile(path, square(), start=start).span[0] == -6 * 3600.0
+
+
 @pytest.mark.parametrize("variables", [None, ("uo", "vo")])
 @pytest.mark.parametrize("standard", [True, False])
 def test_one_series_in_two_files_is_refused(tmp_path, variables, standard):
