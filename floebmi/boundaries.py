@@ -268,6 +268,19 @@ def check_way_in(inflow: Inflow, walls: np.ndarray, domain: Domain) -> None:
             )
 
 
+def check_reach(wall: Wall, largest: float, domain: Domain) -> None:
+    """Refuse a wall that stands so far beyond an inactive edge that the largest floe leaves before it meets the wall [m]."""
+    if wall.position is None or getattr(domain, wall.edge) != "inactive":
+        return
+    side, edge = _SIDE[wall.edge], domain.position(wall.edge)
+    comes_in = wall.normal_stress is not None or side * wall.velocity > 0.0
+    if side * (edge - wall.position) >= largest and not comes_in:
+        raise InputError(
+            f"wall.position = {wall.position:g}: lies beyond the {wall.edge} edge at {edge:g} m, which is inactive: floes of at "
+            f"most {largest:g} m leave there before they meet the wall; put it at the edge or inside, or widen the domain"
+        )
+
+
 class Feeder:
     """Adds the floes of an inflow; draws from a generator that is part of the model's state."""
 

@@ -8,6 +8,7 @@ the first 29 February.  Between two records fields change linearly.
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -35,6 +36,11 @@ _ALIKE = {
     "365_day": "noleap",
     "366_day": "all_leap",
 }
+
+# What cftime reads to the end; of a text of another form it leaves out what it does not know, an hour without minutes, say.
+_DATE = re.compile(
+    r"-?\d{4,}-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?)?( ?(Z|UTC|[+-]\d\d(:?\d\d)?))?"
+)
 
 
 class Clock:
@@ -128,6 +134,12 @@ class Clock:
             return None
         return float(self.seconds[0]), float(self.seconds[-1])
 
+    @property
+    def first_date(self) -> str | None:
+        """The date of the first of several records; None for one that holds always, and for times that are no dates."""
+        dated = self.seconds is not None and self.seconds.size > 1 and self._dates.dtype.kind != "f"
+        return _text(self._dates[0]) if dated else None
+
     def bracket(self, t: float) -> tuple[int, int, float]:
         """The records before and after t [s], and the weight of the second.
 
@@ -198,8 +210,10 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
     import cftime
 
     try:
+        if not _DATE.fullmatch(str(start)):
+            raise ValueError
         return cftime.num2date(0.0, f"seconds since {start}", calendar)
-    except (TypeError, ValueError):  # the TypeError is of a text that breaks off after the year
+    except ValueError:
         raise InputError(
             f"{name} = {start!r}: not a date of the calendar {calendar!r}; give one such as '1979-01-16' or"
             " '1979-01-16T18:00'"

@@ -97,7 +97,8 @@ def open_files(path: Source) -> list[File]:
     Raises
     ------
     InputError
-        for a file that is not there, not readable, or shorter than its header says.
+        for a file that is not there, not readable, or shorter than its header says, and for one of another calendar
+        than the standard one that lacks a time.
     """
     import xarray as xr
 
@@ -119,12 +120,11 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
             f"{path}: no such file" + (f"; {hint}" if hint.startswith("did you") else "")
         )
     zarr = path.is_dir()
+    engine = "zarr" if zarr else None
     if not zarr:
         _refuse_if_cut(path)
     try:
-        data = xr.open_dataset(
-            path, engine="zarr" if zarr else None, cache=False, decode_timedelta=False
-        )
+        data = xr.open_dataset(path, engine=engine, cache=False, decode_timedelta=False)
     except Exception as error:  # each engine has its own kinds
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         if not zarr and "did not find a match" in reason:
@@ -134,7 +134,24 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         raise InputError(
             f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}"
         ) from error
-    return File(path.name, data)
+    file = File(path.name, data)
+    times = [found for d in data.dims if (found := coordinate(file, str(d)))]
+    if any(a.dtype.kind == "O" and role(name, a) == "time" for name, a in times):
+        with xr.open_dataset(path, engine=engine, decode_times=False) as numbers:
+            _refuse_missing_times(File(path.name, numbers), [name for name, _ in times])
+    return file
+
+
+def _refuse_missing_times(file: File, names: list[str]) -> None:
+    """InputError for a time that the file does not have, of coordinates whose dates are still numbers.
+
+    Dates of cftime know no missing one: it is read as the date that the numbers count from.
+    """
+    for name in names:
+        values = file.data[name].values
+        missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, bool)
+        if missing.any():
+            raise InputError(f"{file.label}: {name}[{int(missing.argmax())}] is not a time")
 
 
 def _refuse_if_cut(path: Path) -> None:
@@ -181,7 +198,8 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
     Raises
     ------
     InputError
-        if there are none or more than one; the line lists the candidates and names `option`.
+        if there are none or more than one (the line lists the candidates and names `option`), or if one is in several
+        files.
     """
     where = ", ".join(f.label for f in files)
     if given is not None:
@@ -192,6 +210,9 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
         return Found(variables, word, "as told")
     for row in wanted.standard:
         hits = [_with_standard_name(files, name) for name in row[:-1]]
+        for hit in hits if all(hits) else ():
+            for name in dict.fromkeys(name for _, name in hit):
+                _check_one([f for f, n in hit if n == name], name)
         if max(map(len, hits)) > 1 and all(hits):
             several = ", ".join(name for hit in hits for _, name in hit)
             raise InputError(
@@ -205,7 +226,7 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
         several = " or ".join(", ".join(map(str, r[:-1])) for r in rows)
         raise InputError(f"{where}: {several} could be the {wanted.what}: choose with {option}")
     if rows:
-        variables = tuple((_holding(files, n)[0], n) for n in rows[0][:-1])
+        variables = tuple((_check_one(_holding(files, n), n), n) for n in rows[0][:-1])
         return Found(variables, rows[0][-1], "well-known name")
     have = ", ".join(_describe(f, n) for f in files for n in f.data.data_vars if f.data[n].ndim)
     raise InputError(
@@ -230,7 +251,17 @@ def _named(files: list[File], name: str, where: str, option: str) -> tuple[File,
         raise InputError(
             f"{where}: {option} names {name!r}, not in the file; {choose(name, names)}"
         )
-    return holding[0], name
+    return _check_one(holding, name), name
+
+
+def _check_one(holding: list[File], name: str) -> File:
+    """The one file that has a variable; InputError if there are several, as of a series cut in pieces."""
+    if len(holding) > 1:
+        raise InputError(
+            f"{name} is in both {holding[0].label} and {holding[1].label}: several files hold the parts u, v, positions,"
+            " masks, not one stretch of time each: join them in one file first"
+        )
+    return holding[0]
 
 
 def _holding(files: list[File], name: str) -> list[File]:

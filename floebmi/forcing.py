@@ -200,7 +200,7 @@ class VelocityFile:
     depth : of all levels the one nearest to this depth, of wind to this height, is taken [m]; default: the surface of
         the ocean, wind at 10 m
     select : index along a dimension that is neither time, level nor horizontal, {"member": 3}
-    units : units of the components if the file does not say them
+    units : units of the components if the file does not say them, or says them wrong
     mask : name of the land-sea mask at the centres; "auto" finds one (kind "ocean"), "none" takes NaN alone
     fill_land : what a wet cell without water of the source around it gets: "error", the velocity of the
         "nearest" water, or 0 ("dry": mask the grid with `covered` then)
@@ -288,6 +288,11 @@ class VelocityFile:
     def span(self) -> tuple[float, float] | None:
         """First and last time [s] for which `fill` works; None: all times."""
         return self._clock.span
+
+    @property
+    def first_date(self) -> str | None:
+        """The date of the first of several records; None if one holds always, or if times are no dates."""
+        return self._clock.first_date
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,), linear between records; 0 where not covered.

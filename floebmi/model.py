@@ -34,6 +34,7 @@ from floebmi.boundaries import (
     Wall,
     build_walls,
     check_domain,
+    check_reach,
     check_way_in,
     edge_of,
     over_walls,
@@ -359,6 +360,12 @@ class Model:
         )
         for one in self.inflow:
             check_way_in(one, records, domain)
+        largest = max(
+            [*floes.radius[floes.active & ~floes.land], *(i.sizes.range[1] for i in self.inflow)],
+            default=np.inf,
+        )
+        for wall in self.walls:
+            check_reach(wall, largest, domain)
         self._refuse_over_walls("at the start")
         self._last_duration = 0.0
         self._warned_of_lag = False
@@ -419,6 +426,11 @@ class Model:
             raise InputError(
                 f"step.drag_every = {self.step.drag_every}: is of the scheme verlet; "
                 f"{self.step.scheme} has drag in every step: leave it out"
+            )
+        if self.step.drag_every > 1 and not self.forces:
+            raise InputError(
+                f"step.drag_every = {self.step.drag_every}: is of forces other than contacts, and there are none: "
+                "list one, or leave it out"
             )
         for name in ("ice_density", "draft_fraction"):
             value = getattr(self, name)

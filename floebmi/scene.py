@@ -80,7 +80,7 @@ _POSITION = (
     "by x, y with their projection (or axes of longitude and latitude), or by 2-D longitude and latitude, "
     "where a file has both"
 )
-_FILE_PROJECTION = "plane of the file's own x and y, if it does not say"
+_FILE_PROJECTION = "plane of the file's own x and y, if it does not say or says it wrong"
 _SELECT = "index along any other dimension, as {member = 3}"
 _MASK = "its land-sea mask; 'none' takes missing values alone"
 _FILL_LAND = "what a wet cell gets where the file has only land"
@@ -474,7 +474,9 @@ class FluidTable(Table):
         "of wind that at 10 m",
     )
     select: dict[str, int] | None = Field(None, description=_SELECT)
-    units: str | None = Field(None, description="of the velocity, if the file does not say")
+    units: str | None = Field(
+        None, description="of the velocity, if the file does not say or says it wrong"
+    )
     mask: str = Field("auto", description=_MASK)
     fill_land: FillLand = Field("error", description=_FILL_LAND)
     position: Position = Field("auto", description=_POSITION)
@@ -568,7 +570,7 @@ class Time(Table):
     )
     start: str | None = Field(
         None,
-        description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; needed by dated files",
+        description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; else that of the first record of dated files",
     )
     calendar: Calendar | None = Field(
         None,
@@ -776,6 +778,9 @@ class Scene(Table):
             ocean = self._source(self.ocean, model.ocean)
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
+        with self.place("time"):
+            if self.time.start is None:
+                _check_same_begin(ocean, atmosphere)
         return Built(model, ocean, atmosphere, land)
 
     def tilt_sea(self, model: "Model") -> None:
@@ -835,9 +840,7 @@ class Scene(Table):
             return self.ice.draft
         water = [law.density for law in self.forces() if isinstance(law, OceanDrag)]
         if not water:
-            raise InputError(
-                f"{self._file}: [ice] draft = 'hydrostatic': needs [ocean], whose density sets it"
-            )
+            raise InputError("[ice] draft = 'hydrostatic': needs [ocean], whose density sets it")
         return self.ice.density / water[0]
 
     def _grid(self, name: str, table: Any, domain: Domain) -> Grid | None:
@@ -979,6 +982,16 @@ class Scene(Table):
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
             calendar=self.time.calendar,
+        )
+
+
+def _check_same_begin(ocean: "VelocitySource | None", atmosphere: "VelocitySource | None") -> None:
+    """Refuse two dated files whose first records, each of which would be at time 0, are of other dates."""
+    currents, wind = (getattr(source, "first_date", None) for source in (ocean, atmosphere))
+    if None not in (currents, wind) and currents != wind:
+        raise InputError(
+            f"start is missing: the records of [ocean] begin at {currents}, those of [atmosphere] at {wind}, and both"
+            " would be time 0: say its date"
         )
 
 

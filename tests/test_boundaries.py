@@ -309,6 +309,11 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(walls=[Wall("west", mass=1e6)]), "wall.mass = 1000000.0: is of a loaded wall"),
         (dict(walls=[Wall("west", damping=0.5)]), "wall.damping = 0.5: is of a loaded wall"),
         (dict(walls=[Wall("west", position=50.0)]), "by 1 m over the wall in the west, at 50 m"),
+        (
+            dict(walls=[Wall("west", position=-1.0)]),
+            "beyond the west edge at 0 m, which is inactive",
+        ),
+        (dict(walls=[Wall("north", 300.0, velocity=1.0)]), "beyond the north edge at 100 m"),
         (dict(walls=[Wall("west", normal_stress=1e3, damping=-1.0)]), "Wall.damping"),
         (dict(inflow=Inflow("west", SingleSize(5.0), thickness=-1.0)), "Inflow.thickness"),
         (dict(inflow=Inflow("west", SingleSize(5.0), velocity=(np.nan, 0.0))), "Inflow.velocity"),
@@ -324,6 +329,18 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
 def test_walls_and_inflows_that_cannot_be_are_refused(laws, word):
     with pytest.raises(InputError, match=word):
         Model(box(), Floes(50.0, 50.0, 1.0, 1.0), **({"contact": Contact()} | laws))
+
+
+@pytest.mark.parametrize(
+    "wall",
+    [
+        Wall("west", position=-0.9),  # a floe of 1 m meets it before its centre leaves
+        Wall("west", position=-5.0, velocity=0.1),
+        Wall("north", position=105.0, normal_stress=1e3),
+    ],
+)
+def test_a_wall_beyond_an_inactive_edge_is_taken_where_floes_may_meet_it(wall):
+    assert Model(box(), Floes(50.0, 50.0, 1.0, 1.0), Contact(), walls=[wall]).wall_edges
 
 
 def test_far_from_the_origin_walls_contacts_and_restarts_are_where_they_belong():

@@ -376,6 +376,11 @@ def test_a_number_of_steps_that_is_none_is_refused(k):
         Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), step=Step(drag_every=k))
 
 
+def test_seldom_drag_without_any_force_is_refused():
+    with pytest.raises(InputError, match=r"step.drag_every = 4: is of forces other than contacts"):
+        Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), frictional(), step=Step(drag_every=4))
+
+
 def test_a_period_that_is_just_long_enough_for_two_floes_is_not_too_short_for_their_list():
     domain = Domain((0.0, 4.7), (0.0, 60.0), "periodic", "periodic", "periodic", "periodic")
     model = Model(domain, Floes([1.0, 3.3], 30.0, 1.0, 1.0, u=[0.3, -0.3]), contact=frictional())

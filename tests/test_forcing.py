@@ -862,6 +862,53 @@ def test_a_noleap_calendar_has_no_29_february(tmp_path):
         VelocityFile(path, grid, start="2016-02-29")
 
 
+@pytest.mark.parametrize(
+    "start",
+    ["2016-02-01T06", "2016-02-01 06:00 PM", "2016-02-01 06:00 +1:00", "2016-02-01  06:00", "01-02-2016",
+     "2016-02-01 06:00 CET", "2016-02", "2016"],
+)  # fmt: skip
+@pytest.mark.parametrize("calendar", ["standard", "noleap"])
+def test_a_start_that_is_not_read_to_its_end_is_refused(tmp_path, start, calendar):
+    data = in_time(metres(0.1, 0.0), [0.0, 1.0])
+    data["time"].attrs = {"units": "days since 2016-02-01", "calendar": calendar}
+    with pytest.raises(InputError, match=f"not a date of the calendar '{calendar}'"):
+        VelocityFile(saved(data, tmp_path), square(), start=start)
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["2016-02-01 06:00", "2016-02-01T07:00+01:00", "2016-02-01T06:00:00.0Z", "2016-2-1 01:00 -05"],
+)
+def test_a_start_may_have_a_time_and_an_offset_from_utc(tmp_path, start):
+    path = saved(in_time(metres(0.1, 0.0), DAYS), tmp_path)
+    assert VelocityFile(path, square(), start=start).span[0] == -6 * 3600.0
+
+
+@pytest.mark.parametrize("variables", [None, ("uo", "vo")])
+@pytest.mark.parametrize("standard", [True, False])
+def test_one_series_in_two_files_is_refused(tmp_path, variables, standard):
+    data = in_time(metres(0.1, 0.0), DAYS)
+    if not standard:
+        data.uo.attrs, data.vo.attrs = M_PER_S, M_PER_S
+    files = [
+        saved(data.isel(time=when), tmp_path, name)
+        for when, name in ((slice(0, 2), "a.nc"), (slice(1, 3), "b.nc"))
+    ]
+    with pytest.raises(InputError, match="uo is in both a.nc and b.nc: .* join them"):
+        VelocityFile(files, square(), variables=variables, vectors="grid")
+
+
+@pytest.mark.parametrize("calendar", ["noleap", "standard"])
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_missing_time_is_refused_in_each_calendar(tmp_path, calendar, lost):
+    days = [0.0, 1.0]
+    days[lost] = np.nan
+    data = in_time(metres(0.1, 0.0), days)
+    data["time"].attrs = {"units": "days since 1900-01-01", "calendar": calendar}
+    with pytest.raises(InputError, match=rf"time\[{lost}\] is not a time"):
+        VelocityFile(saved(data, tmp_path), square())
+
+
 def test_a_run_that_names_its_calendar_takes_files_of_no_other(tmp_path):
     data, grid = in_time(metres(0.1, 0.0), [0.0, 1.0]), square()
     for own, other in (("noleap", "standard"), ("360_day", "noleap"), ("standard", "365_day")):

@@ -152,6 +152,7 @@ def test_a_wrong_scene_is_refused_in_one_line_with_file_table_and_key(write, tex
     path = write(f"[domain]\nx = [0, 1]\ny = [0, 1]\n{text}\n")
     found = refused(path)
     assert found.startswith(f"{path}: ")
+    assert found.count(str(path)) == 1
     assert said in found
 
 
@@ -638,6 +639,28 @@ def test_the_ice_is_that_of_the_start_or_of_its_own_date(write, sea):
     assert "[floes] sea.nc: aice: time = '2017-02-03': the file has 2016-02-01" in text
     text = refused(write(sea + ICE + "position = 'mapping'\ntime = 'soon'\n"))
     assert "[floes] time = 'soon': not a date of the calendar 'standard'" in text
+
+
+def test_without_a_start_two_dated_files_must_begin_at_one_date(write, sea, tmp_path):
+    import xarray as xr
+
+    with xr.open_dataset(tmp_path / "sea.nc") as data:
+        wind = data.rename(u="x_wind", v="y_wind").load()
+    for name in ("x_wind", "y_wind"):
+        wind[name].attrs["standard_name"] = name
+    wind.to_netcdf(tmp_path / "same.nc")
+    wind["time"] = wind.time - np.timedelta64(1, "D")
+    wind.to_netcdf(tmp_path / "earlier.nc")
+    wind.isel(time=[0]).to_netcdf(tmp_path / "always.nc")
+    place = "position = 'mapping'\n"
+    text = sea + f"[ocean]\nfile = 'sea.nc'\n{place}[atmosphere]\nfile = '%s.nc'\n{place}"
+    said = refused(write(text % "earlier"))
+    assert "[time] start is missing: the records of [ocean] begin at 2016-02-01, those of" in said
+    for fine in ("same", "always"):
+        read_scene(write(text % fine)).build()
+    built = read_scene(write(text % "earlier"), ["time.start=2016-02-01"]).build()
+    assert built.ocean.span == (0.0, 172800.0)
+    assert built.atmosphere.span == (-86400.0, 86400.0)
 
 
 def test_what_lies_outside_a_file_is_an_error_or_what_the_scene_says(write, sea):
