@@ -209,15 +209,22 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
     """
     import cftime
 
+    text = text_of(start)
     try:
-        if not _DATE.fullmatch(str(start)):
+        if not _DATE.fullmatch(text):
             raise ValueError
-        return cftime.num2date(0.0, f"seconds since {start}", calendar)
+        return cftime.num2date(0.0, f"seconds since {text}", calendar)
     except ValueError:
         raise InputError(
             f"{name} = {start!r}: not a date of the calendar {calendar!r}; give one such as '1979-01-16' or"
             " '1979-01-16T18:00'"
         ) from None
+
+
+def text_of(start: Date) -> str:
+    """A date as `date_of` reads it: of numpy's those that count hours have a text that ends with the hour."""
+    hours = isinstance(start, np.datetime64) and np.datetime_data(start)[0] == "h"
+    return str(start.astype("datetime64[s]") if hours else start)
 
 
 def refuse_other_start(

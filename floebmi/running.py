@@ -163,6 +163,7 @@ def run(
     >>> model.floes.x
     array([60.])
     """
+    from floebmi.clock import text_of
     from floebmi.output import check_target, save_restart
 
     total = _positive("duration", duration)
@@ -190,7 +191,7 @@ def run(
     kept, saved = model.state(), time.monotonic()
     of_state = dict(attributes or {})
     if reference is not None:
-        of_state |= {"start": str(reference), "calendar": calendar}
+        of_state |= {"start": text_of(reference), "calendar": calendar}
     with contextlib.ExitStack() as stack:
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(

@@ -1,3 +1,4 @@
+import datetime
 import warnings
 from pathlib import Path
 
@@ -877,8 +878,9 @@ def test_a_start_that_is_not_read_to_its_end_is_refused(tmp_path, start, calenda
 
 @pytest.mark.parametrize(
     "start",
-    ["2016-02-01 06:00", "2016-02-01T07:00+01:00", "2016-02-01T06:00:00.0Z", "2016-2-1 01:00 -05"],
-)
+    ["2016-02-01 06:00", "2016-02-01T07:00+01:00", "2016-02-01T06:00:00.0Z", "2016-2-1 01:00 -05",
+     np.datetime64("2016-02-01T06"), datetime.datetime(2016, 2, 1, 6)],
+)  # fmt: skip
 def test_a_start_may_have_a_time_and_an_offset_from_utc(tmp_path, start):
     path = saved(in_time(metres(0.1, 0.0), DAYS), tmp_path)
     assert VelocityFile(path, square(), start=start).span[0] == -6 * 3600.0
