@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
 import numpy as np
 
 import floebmi
+from floebmi.clock import date_of
 from floebmi.coast import land_geometry
 from floebmi.errors import InputError, choose
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND
@@ -483,20 +484,11 @@ _EDGES = ("west", "east", "south", "north")
 
 
 def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
-    import cftime
-
-    units = f"seconds since {reference or EPOCH}"
-    try:
-        cftime.num2date(0.0, units, calendar)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"reference = {reference!r} in calendar {calendar!r}: {error}; "
-            "must be like '1979-01-15 12:00'"
-        ) from None
+    date_of(reference or EPOCH, calendar, "reference")
     attributes = {
         "standard_name": "time",
         "long_name": "time",
-        "units": units,
+        "units": f"seconds since {reference or EPOCH}",
         "calendar": calendar,
         "axis": "T",
     }

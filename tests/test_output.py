@@ -375,7 +375,8 @@ def test_overwriting_waits_for_a_whole_first_frame(tmp_path):
 @pytest.mark.parametrize(
     "how, message",
     [
-        ({"reference": "yesterday"}, "reference = 'yesterday'.*must be like"),
+        ({"reference": "yesterday"}, "reference = 'yesterday': not a date of"),
+        ({"reference": "1979-01-15 12"}, "reference = '1979-01-15 12': not a date of"),
         ({"projection": "EPSG:0"}, "projection = 'EPSG:0'"),
         ({"projection": "EPSG:4326"}, "projection = 'EPSG:4326'.*metres"),
         ({"attributes": {"laws": [1, {}]}}, "attribute 'laws'.*text or a number"),
