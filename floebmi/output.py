@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
 import numpy as np
 
 import floebmi
-from floebmi.clock import date_of
+from floebmi.clock import date_of, text_of
 from floebmi.coast import land_geometry
 from floebmi.errors import InputError, choose
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND
@@ -484,11 +484,12 @@ _EDGES = ("west", "east", "south", "north")
 
 
 def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
-    date_of(reference or EPOCH, calendar, "reference")
+    date = text_of(reference or EPOCH)
+    date_of(date, calendar, "reference")
     attributes = {
         "standard_name": "time",
         "long_name": "time",
-        "units": f"seconds since {reference or EPOCH}",
+        "units": f"seconds since {date}",
         "calendar": calendar,
         "axis": "T",
     }

@@ -101,8 +101,10 @@ def test_no_file_of_a_run_takes_the_place_of_another(tmp_path):
     for names in (("gridded", "trajectories"), ("gridded", "restart"), ("trajectories", "restart")):
         with pytest.raises(InputError, match="a.nc: is named twice"):
             run(drifting(), 10.0, **dict.fromkeys(names, file), overwrite=True)
-    run(drifting(), 10.0, gridded=file, restart=state, reference=np.datetime64("2001-02-03"))
-    assert load_restart(state)[1]["start"] == "2001-02-03"
+    run(drifting(), 10.0, gridded=file, restart=state, reference=np.datetime64("2001-02-03T04"))
+    assert load_restart(state)[1]["start"] == "2001-02-03T04:00:00"
+    with xr.open_dataset(file) as data:
+        assert data.time.values[0] == np.datetime64("2001-02-03T04")
     for path in (file, state):
         before = path.read_bytes()
         with pytest.raises(InputError, match=f"{path.name}: exists already"):
