@@ -12,7 +12,6 @@ that PyPI's imageio-ffmpeg brings; matplotlib's own writers would look for one o
 
 import base64
 import json
-import os
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -295,8 +294,6 @@ def animate(
     for name, value in (("fps", fps), ("every", every)):
         if value < 1:
             raise InputError(f"{name} = {value}: must be at least 1")
-    # not `in_one_go`: the ending tells the writers the format
-    part = to.with_name(f"{to.stem}.part{to.suffix}")
     with matplotlib.rc_context(style()), ExitStack() as files:
         view = _open_view(files, trajectories, gridded)
         picture = _FloePicture(view, color, arrows, limits, title, size)
@@ -308,11 +305,9 @@ def animate(
                 if progress is not None:
                     progress(done, len(numbers))
 
-        try:
+        with in_one_go(to) as part:
+            part.touch()  # what ffmpeg says of a place that cannot be written to is long
             (_write_mp4 if to.suffix == ".mp4" else _write_gif)(part, images(), fps)
-            os.replace(part, to)
-        finally:
-            part.unlink(missing_ok=True)
     return to
 
 
@@ -1119,7 +1114,7 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
     height, width = first.shape[:2]
     pipe = imageio_ffmpeg.write_frames(
         path, (width, height), fps=fps, codec="libx264", quality=None, macro_block_size=2,
-        output_params=["-crf", "20", "-movflags", "+faststart"],
+        output_params=["-crf", "20", "-movflags", "+faststart", "-f", "mp4"],
     )  # fmt: skip
     pipe.send(None)
     try:
@@ -1139,6 +1134,7 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
     first = indexed(next(images))
     first.save(
         path,
+        format="GIF",
         save_all=True,
         append_images=(indexed(image) for image in images),
         duration=round(1000 / fps),

@@ -1,6 +1,8 @@
 import base64
 import doctest
+import errno
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -312,6 +314,18 @@ def test_a_film_that_fails_leaves_nothing_behind(run, tmp_path):
         with pytest.raises(KeyboardInterrupt):
             draw.animate(run[1], to=tmp_path / name, size=300, progress=fail)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["mp4", "gif"])
+def test_a_film_that_cannot_be_written_is_told_of_as_the_system_does(run, tmp_path, kind, capfd):
+    path = tmp_path / f"a.{kind}"
+    # the name it is written under leads to where nothing is
+    (tmp_path / f"a.{kind}.{os.getpid()}.part").symlink_to(tmp_path / "no" / "where")
+    with pytest.raises(OSError) as error:
+        draw.animate(run[1], to=path, size=300)
+    assert error.value.errno == errno.ENOENT
+    assert error.value.filename == str(path)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_the_users_settings_are_left_alone(run, tmp_path):
