@@ -42,6 +42,8 @@ The ledger of momentum [N s], per exchange and axis:
 
     host         change in the momentum of the host's water
 
+A host may take the stress along an axis by several inputs (one moves the water, one stirs it): the lines count the first
+of them in the order of its inputs.
 A host that takes the stress per ice area, or as a mean, makes the force of it itself, unseen from here: along such
 an axis the first four are nan, and so is the line's residual.
 `floes` and `other` are read from scalar outputs of the floes, `host` from those of the host; what a model does not offer
@@ -524,7 +526,7 @@ class Coupling:
             connection.remember()
 
     def _give_back(self, duration: float, means: Callable[[_Connection], np.ndarray]) -> _Impulse:
-        """Give the host the means over an exchange."""
+        """Give the host the means over an exchange.  The floes lost it once, however many inputs take it."""
         total = _Impulse(np.zeros(2), np.zeros(2), np.zeros(2), set())
         unseen: set[int] = set()
         for connection in self.to_host:
@@ -532,14 +534,14 @@ class Coupling:
             carried = connection.put(connection.carry(values))
             axis = _axis(connection.source)
             of_water = connection.kind == "integral" and connection.source.startswith(ON_WATER)
-            if of_water and axis is not None:
+            if of_water and axis is not None and axis not in total.axes:
                 given, taken, missed, turned = connection.force(values, carried)
                 total.given[axis] += given * duration
                 total.taken[axis] += taken * duration
                 total.missed[axis] += missed * duration
                 total.axes.add(axis)
                 self._turnover += turned * duration
-            elif axis is not None and BOTTOM in connection.source:
+            elif axis is not None and not of_water and BOTTOM in connection.source:
                 unseen.add(axis)
         for axis in unseen - total.axes:
             total.given[axis] = total.taken[axis] = total.missed[axis] = np.nan

@@ -263,7 +263,7 @@ class Regrid:
         Raises
         ------
         InputError
-            for a folder that is not there.
+            for a folder that is not there, or in the place of the file.
         """
         rows = np.repeat(np.arange(self.target.size), np.diff(self.overlap.indptr))
         columns = self.overlap.indices
@@ -281,6 +281,8 @@ class Regrid:
             "frac_b": (self.covered, "n_b", "1", "share that the source covers"),
         }
         path = Path(path)
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; must be a file to write")
         if not path.parent.is_dir():
             raise InputError(f"{path}: there is no folder {path.parent}")
         with in_one_go(path) as part, new_file(part) as file:

@@ -32,7 +32,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line
 from floebmi.grid import Grid, check_grid
 from floebmi.quantities import flat, unmasked
 
@@ -54,12 +54,23 @@ def turn(
     -------
     Two arrays of that shape, in the same unit: components along x and y
 
+    Raises
+    ------
+    InputError
+        for arrays of unlike shapes, which numpy would spread over each other where it can.
+
     Examples
     --------
     >>> x, y = turn(np.array([1.0]), np.array([0.0]), np.pi / 2)
     >>> x.round(12), y.round(12)
     (array([0.]), array([1.]))
     """
+    shapes = [np.shape(values) for values in (along_first, along_second, angle)]
+    if shapes[1] != shapes[0] or shapes[2] not in ((), shapes[0]):
+        raise InputError(
+            f"turn: components of shape {shapes[0]} and {shapes[1]}, angles of {shapes[2]}: must be of one shape,"
+            " or one angle for all"
+        )
     cosine, sine = np.cos(angle), np.sin(angle)
     return (
         along_first * cosine - along_second * sine,
@@ -108,7 +119,7 @@ class Staggered:
     Raises
     ------
     InputError
-        for a grid without rows and columns, an unknown `where`, arrays of a wrong size.
+        for a grid without rows and columns, an unknown `where`, another `periodic` than two bools, arrays of a wrong size.
 
     Examples
     --------
@@ -133,6 +144,11 @@ class Staggered:
         _structured(grid)
         if where not in ("u", "v", "corners"):
             raise InputError(f"where = {where!r}: {choose(where, ('u', 'v', 'corners'))}")
+        flags = list(periodic) if isinstance(periodic, tuple | list) else []
+        if len(flags) != 2 or not all(isinstance(flag, bool | np.bool_) for flag in flags):
+            raise InputError(
+                f"periodic = {in_line(periodic)}: must be two of True and False, (along i, along j)"
+            )
         ny, nx = grid.shape
         across_i, across_j = where in ("u", "corners"), where in ("v", "corners")
         rows = ny + (across_j and not periodic[1])

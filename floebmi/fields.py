@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from floebmi.classic import length_by_header
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,6 +104,10 @@ def open_files(path: Source) -> list[File]:
 
     if isinstance(path, (str, os.PathLike, xr.Dataset)):
         path = [path]
+    if not isinstance(path, Iterable):
+        raise InputError(
+            f"path = {in_line(path)}: must be a file, several, or a data set of xarray"
+        )
     return [_open(one) for one in path]
 
 

@@ -23,7 +23,7 @@ from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
 from floebmi.errors import InputError, choose
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
-from floebmi.grid import Grid
+from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
 from floebmi.places import Net, Position
 from floebmi.quantities import is_number, unmasked
@@ -146,13 +146,14 @@ class Function:
     Raises
     ------
     InputError
-        from `fill`, if a function returns another shape or a value that is not finite.
+        for what is no grid; from `fill`, if a function returns another shape or a value that is not finite.
     """
 
     span = None
 
     def __init__(self, u: Velocity | float, v: Velocity | float, grid: Grid) -> None:
-        self.u, self.v = u, v
+        check_grid("grid", grid)
+        self.u, self.v, self.grid = u, v, grid
         self._x, self._y = grid.x, grid.y
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
@@ -252,6 +253,8 @@ class VelocityFile:
         _among("stagger", stagger, ("auto", "none", "before", "after"))
         if variables is not None and (isinstance(variables, str) or len(variables) != 2):
             raise InputError(f"variables = {variables!r}: must be two names, of u and of v")
+        check_grid("grid", grid)
+        self.grid = grid
         files = open_files(path)
         found = find(files, _VELOCITIES[kind], variables, "variables")
         level = USUAL_LEVEL[kind] if depth is None else depth

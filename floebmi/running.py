@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
@@ -151,7 +151,8 @@ def run(
     Raises
     ------
     InputError
-        for a duration or an interval that cannot be, a file that exists or is named twice, or forcing that does not reach.
+        for a duration or an interval that cannot be, a file that exists or is named twice, forcing that does not reach,
+        or that was made for other cells.
     StabilityError
         if floes leave what the step resolves.
 
@@ -164,8 +165,11 @@ def run(
     array([60.])
     """
     from floebmi.clock import text_of
+    from floebmi.model import Model
     from floebmi.output import check_target, save_restart
 
+    if not isinstance(model, Model):
+        raise InputError(f"run: model = {in_line(model)}: must be a Model")
     total = _positive("duration", duration)
     every = total / 20 if every is None else _positive("every", every)
     exchange = every if exchange is None else _positive("exchange", exchange)
@@ -173,6 +177,10 @@ def run(
     for name, source, fluid in (
         ("ocean", ocean, model.ocean), ("atmosphere", atmosphere, model.atmosphere)
     ):  # fmt: skip
+        if source is not None and not (hasattr(source, "fill") and hasattr(source, "span")):
+            raise InputError(
+                f"run: {name} = {in_line(source)}: must be a Constant, Function, VelocityFile or the like"
+            )
         if source is not None and fluid is None:
             law = "OceanDrag" if name == "ocean" else "AirDrag"
             raise InputError(f"{name}: the model has none to force; list {law} among its forces")
@@ -256,8 +264,17 @@ def _refuse_one_file_for_two(files: Sequence[Path]) -> None:
 def check_forcing(source: "VelocitySource", fluid: "Fluid", start: float, end: float) -> None:
     """InputError if forcing does not fit, or does not reach from `start` to `end` [s].
 
+    A source that knows the cells it fills (`grid`) must fill those of the fluid: as many elsewhere would be wrong unseen.
     The velocity of the fluid is then that at the start.
     """
+    grid = getattr(source, "grid", None)
+    if grid is not None and not (
+        np.array_equal(grid.x, fluid.grid.x) and np.array_equal(grid.y, fluid.grid.y)
+    ):
+        raise InputError(
+            f"{type(source).__name__}: fills the cells of {grid!r}, the model's are those of {fluid.grid!r}: "
+            "make it with the model's grid"
+        )
     if source.span is not None:
         source.fill(end, fluid.u, fluid.v)
     source.fill(start, fluid.u, fluid.v)

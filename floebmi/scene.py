@@ -9,6 +9,7 @@ unit, its default and what it means.  Paths are relative to the scene file.
 
 import contextlib
 import math
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,7 +32,7 @@ from floebmi.contact import (
     frictional,
 )
 from floebmi.dynamics import Step
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line
 from floebmi.floes import (
     DRIVEN,
     FIXED,
@@ -1073,6 +1074,8 @@ def find_scene(scene: str | Path) -> Path:
     InputError
         if there is neither; it names the packaged scenes and a near one.
     """
+    if not isinstance(scene, str | os.PathLike):
+        raise InputError(f"scene = {in_line(scene)}: must be the path of a file or a packaged name")
     path = Path(scene)
     if path.is_file() or path.suffix in _SUFFIXES or len(path.parts) > 1:
         return path

@@ -241,6 +241,45 @@ def test_ocean_and_ice_momentum_is_constant_and_every_line_of_the_ledger_closes(
     assert "differenced" in lines[0]
 
 
+def test_a_stress_that_goes_to_two_inputs_is_in_the_ledger_once(ocean):
+    """One moves the water, one stirs it: the floes lost the momentum once."""
+    stirring = "sea_water__stirring_stress"
+
+    class Stirred(TwoSlabOcean):
+        def initialize(self, config_file):
+            super().initialize(config_file)
+            self._values[stirring] = np.zeros(60)
+
+        def get_input_var_names(self):
+            return (*super().get_input_var_names(), stirring)
+
+        def get_var_units(self, name):
+            return "Pa" if name == stirring else super().get_var_units(name)
+
+        @staticmethod
+        def _grid_of(name):
+            return TwoSlabOcean._grid_of(STRESS[0] if name == stirring else name)
+
+        def set_value(self, name, src):
+            if name == stirring:
+                self._values[name][:] = src
+            else:
+                super().set_value(name, src)
+
+    for cells in (same_cells, hexagons):
+        once, twice = ocean(), ocean(Stirred)
+        expected = couple(once, Ice(cells()), every=600.0, until=1800.0)
+        ledger = couple(
+            twice, Ice(cells()), every=600.0, until=1800.0, to_host={stirring: RUNNING[0]}
+        )
+        np.testing.assert_array_equal(twice.get_value_ptr(stirring), twice.get_value_ptr(STRESS[0]))
+        for line, right in zip(ledger, expected, strict=True):
+            assert line.relative < 1e-12
+            np.testing.assert_array_equal(line.from_host, right.from_host)
+            np.testing.assert_array_equal(line.to_host, right.to_host)
+            np.testing.assert_allclose(line.host, line.to_host, rtol=0, atol=1e-12 * line.turnover)
+
+
 def test_the_stress_of_the_last_step_loses_momentum(ocean):
     ocean, ice = ocean(), Ice(same_cells())
     before = momentum_of(ocean, ice, 0)

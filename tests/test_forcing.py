@@ -1062,3 +1062,10 @@ def test_the_real_noleap_wind_covers_the_pole():
     u, v = velocity(source, grid, 6 * 3600.0)
     assert np.hypot(u, v).max() < 15 and np.hypot(u, v).min() > 0
     assert np.ptp(np.angle(u + 1j * v)) < 1  # about one direction across the pole
+
+
+@pytest.mark.parametrize("path", [None, 3])
+def test_what_is_no_file_is_refused_in_one_line(path):
+    grid = Grid.uniform((0.0, 2.0), (0.0, 1.0), shape=(1, 2))
+    with pytest.raises(InputError, match="^path = .*: must be a file, several, or a data set"):
+        VelocityFile(path, grid)

@@ -13,6 +13,7 @@ from floebmi import (
     Coulomb,
     Domain,
     Floes,
+    Function,
     Grid,
     InputError,
     Model,
@@ -310,3 +311,23 @@ def test_a_scene_without_floes_runs_and_writes_files(tmp_path):
 def test_durations_are_told_in_a_unit_that_suits_them():
     told = [duration_text(seconds) for seconds in (0.5, 90.0, 300.0, 7200.0, 864000.0)]
     assert told == ["0.5 s", "90 s", "5 minutes", "2 hours", "10 days"]
+
+
+def test_forcing_made_for_other_cells_is_refused_though_they_are_as_many():
+    model = drifting()
+    other = Grid.uniform((0.0, 2000.0), (0.0, 2000.0), spacing=200.0)
+    assert other.size == model.ocean.grid.size
+    with pytest.raises(InputError, match="^Function: fills the cells of .* 2000 m.*the model's"):
+        run(model, 10.0, Function(lambda x, y, t: 1e-4 * x, 0.0, other))
+    assert model.time == 0.0
+    assert (model.ocean.u == 0).all()
+
+
+def test_what_is_no_model_or_no_forcing_is_refused_in_one_line():
+    with pytest.raises(InputError, match="^run: model = None: must be a Model$"):
+        run(None, 10.0)
+    for wrong in (1.0, (0.1, 0.0), "u.nc", np.zeros(100)):
+        with pytest.raises(InputError, match="^run: ocean = .*: must be a Constant, Function"):
+            run(drifting(), 10.0, wrong)
+    with pytest.raises(InputError, match="^grid = None: must be a Grid$"):
+        Function(0.1, 0.0, None)

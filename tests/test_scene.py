@@ -797,3 +797,9 @@ def test_a_scene_tells_the_thickness_of_the_hosts_layer():
     assert read_scene("periodic-box").build().model.ocean.layer_thickness is None
     with pytest.raises(InputError, match="layer_thickness=0: must be greater than 0"):
         read_scene("periodic-box", ["ocean.layer_thickness=0"])
+
+
+@pytest.mark.parametrize("scene", [None, {}, 1, b"two-floes"])
+def test_a_scene_of_a_wrong_kind_is_refused_in_one_line(scene):
+    with pytest.raises(InputError, match="^scene = .*: must be the path of a file"):
+        read_scene(scene)

@@ -205,3 +205,18 @@ def test_bad_input_is_refused_in_one_line(attempt, says):
     with pytest.raises(InputError, match=says) as refusal:
         attempt()
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "angle"),
+    [((3, 4), (4,), ()), ((4, 4), (4, 4), (4,)), ((3, 4), (4, 3), ()), ((4,), (4,), (4, 4))],
+)
+def test_vectors_of_unlike_shapes_are_not_spread_over_each_other(first, second, angle):
+    with pytest.raises(InputError, match="^turn: components of shape .*: must be of one shape"):
+        turn(np.ones(first), np.ones(second), np.zeros(angle))
+
+
+@pytest.mark.parametrize("periodic", [True, "xy", (True,), ("no", "no"), (True, False, False)])
+def test_periodic_is_two_bools(periodic):
+    with pytest.raises(InputError, match="^periodic = .*: must be two of True and False"):
+        Staggered(GRIDS["uniform"], "u", periodic)
