@@ -281,7 +281,7 @@ class Regrid:
             "frac_b": (self.covered, "n_b", "1", "share that the source covers"),
         }
         path = Path(path)
-        if path.is_dir():
+        if not path.name:
             raise InputError(f"{path}: is a folder; must be a file to write")
         if not path.parent.is_dir():
             raise InputError(f"{path}: there is no folder {path.parent}")

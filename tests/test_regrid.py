@@ -547,8 +547,8 @@ def test_values_that_are_not_real_are_refused(values):
         Regrid(grid, grid).state(values)
 
 
-def test_weights_are_not_saved_in_the_place_of_a_folder(tmp_path):
+def test_weights_are_not_saved_in_the_place_of_a_folder():
     grid = Grid.uniform((0.0, 2.0), (0.0, 1.0), shape=(1, 2))
-    for place in (tmp_path, "."):
+    for place in ("", "."):
         with pytest.raises(InputError, match="is a folder"):
             Regrid(grid, grid).to_netcdf(place)
