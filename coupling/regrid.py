@@ -50,7 +50,7 @@ import numpy as np
 
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid, check_grid
-from floebmi.output import in_one_go, new_file
+from floebmi.output import check_target, in_one_go, new_file
 from floebmi.projection import to_plane
 from floebmi.quantities import flat, is_number, unmasked
 
@@ -263,7 +263,7 @@ class Regrid:
         Raises
         ------
         InputError
-            for a folder that is not there, or in the place of the file.
+            for a folder that is not there, or stands in the place of the file.
         """
         rows = np.repeat(np.arange(self.target.size), np.diff(self.overlap.indptr))
         columns = self.overlap.indices
@@ -281,10 +281,7 @@ class Regrid:
             "frac_b": (self.covered, "n_b", "1", "share that the source covers"),
         }
         path = Path(path)
-        if not path.name:
-            raise InputError(f"{path}: is a folder; must be a file to write")
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: there is no folder {path.parent}")
+        check_target(path, overwrite=True)
         with in_one_go(path) as part, new_file(part) as file:
             file.format = FORMAT
             file.map_method = "first-order conservative"
