@@ -546,3 +546,50 @@ def test_values_that_are_not_real_are_refused(values):
     grid = Grid.uniform((0, 2), (0, 1), 1)
     with pytest.raises(InputError, match="must be real numbers"):
         Regrid(grid, grid).state(values)
+
+
+def around_the_nodes(x, y, triangles):
+    """Cells of the median dual: middles of edges and centroids of triangles in turn, counter-clockwise."""
+    corners, number, faces = [], {}, []
+
+    def corner(*of):
+        if of not in number:
+            number[of] = len(corners)
+            corners.append((x[list(of)].mean(), y[list(of)].mean()))
+        return number[of]
+
+    for k in range(len(x)):
+        after = {}  # the next node around k, counter-clockwise
+        for t in triangles[(triangles == k).any(axis=1)]:
+            _, one, other = np.roll(t, -int(np.flatnonzero(t == k)[0]))
+            after[one] = other
+        first = node = next(iter(set(after) - set(after.values())), next(iter(after)))
+        face = []
+        while node in after:
+            face += [corner(*sorted((k, node))), corner(*sorted((k, node, after[node])))]
+            node = after[node]
+            if node == first:
+                break
+        else:  # on the rim
+            face += [corner(*sorted((k, node))), corner(k)]
+        faces.append(face)
+    return Grid.unstructured(*np.array(corners).T, faces)
+
+
+def test_cells_around_the_nodes_of_triangles_have_the_lumped_mass_and_keep_the_force():
+    rng = np.random.default_rng(1)
+    x, y = np.meshgrid(np.linspace(0.0, 10e3, 9), np.linspace(0.0, 10e3, 9))
+    inside = (x > 0) & (x < 10e3) & (y > 0) & (y < 10e3)
+    x, y = ((a + inside * rng.uniform(-300.0, 300.0, a.shape)).ravel() for a in (x, y))
+    triangles = Delaunay(np.column_stack([x, y])).simplices  # scipy's are counter-clockwise
+    nodes = around_the_nodes(x, y, triangles)
+    (ax, bx, cx), (ay, by, cy) = x[triangles].T, y[triangles].T
+    area = 0.5 * ((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
+    assert (area > 0).all()
+    lumped = np.bincount(triangles.ravel(), np.repeat(area / 3.0, 3))
+    np.testing.assert_allclose(nodes.area, lumped, rtol=1e-12)
+    floes = Grid.uniform((0.0, 10e3), (0.0, 10e3), shape=(25, 25))
+    regrid, stress = Regrid(nodes, floes), rng.uniform(0.0, 1.0, floes.size)
+    force = (stress * floes.area).sum()
+    assert (regrid.flux(stress) * lumped).sum() == pytest.approx(force, rel=1e-13)
+    np.testing.assert_allclose(regrid.state(np.ones(nodes.size)), 1.0, rtol=1e-13)
