@@ -24,7 +24,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step, Walls
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND, Floes
-from floebmi.kernels import as_records, dispatched, in_place, inner, jit
+from floebmi.kernels import as_records, dispatched, in_place, inner
 from floebmi.neighbours import carry, find_pairs, sort_in_space
 from floebmi.pairs import PairList, least_of, recall, remember, remembering, wrap
 from floebmi.tiles import Tiles, by_tile, coast_last
@@ -324,6 +324,10 @@ def remembered(pairs: PairList, number: np.ndarray, n: int) -> PairList:
 # ---- the stable step --------------------------------------------------------------------------------
 
 
+# A floe's own matrix [1/s²] in x, y and s = r θ/√2, by its mass; and the sum of its damping rates [1/s].
+STIFFNESS = np.dtype([(name, np.float64) for name in ("xx", "yy", "xy", "xs", "ys", "ss", "rate")])
+
+
 class Stiffest(NamedTuple):
     """What sets the step: ω_max² bound [1/s²], its floe (packed index), damping rate [1/s]."""
 
@@ -378,19 +382,18 @@ def stiffest(
             walls,
             closing,
             widest_gap(packed, contact),
+            as_records(np.zeros(len(packed.number), STIFFNESS)),
         )
     )
 
 
-@jit
+@in_place
 def _stiffest(
-    law, period_x, period_y, floes, inverse_x, inverse_y, pair_i, pair_j, walls, closing, widest
+    law, period_x, period_y, floes, inverse_x, inverse_y, pair_i, pair_j, walls, closing, widest, sums
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
     # Each floe is then a 3 × 3 problem of its own in (x, y, r θ/√2), divided by its mass.
-    n = floes.size
-    sums = np.zeros((n, 7))
     ratio, bend = largest_ratio(law), bending_ratio(beam_of(law.bonds))
     for p in range(pair_i.size):
         i, j = pair_i[p], pair_j[p]
@@ -407,8 +410,8 @@ def _stiffest(
         a_i = lever_arm(law.friction, one.r, other.r, gap) / one.r
         a_j = lever_arm(law.friction, other.r, one.r, gap) / other.r
         k_b = bend * k_n * (2.0 * one.r * other.r / (one.r + other.r)) ** 2
-        add_stiffness(sums, i, w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
-        add_stiffness(sums, j, w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
+        add_stiffness(sums[i], w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
+        add_stiffness(sums[j], w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
     highest, which, rate = 0.0, -1, 0.0
     # the sums of one wall, whose floes are listed one after the other
     of_wall, rate_of_wall = 0.0, 0.0
@@ -419,7 +422,7 @@ def _stiffest(
         k_n = stiffness(law.elastic, floes[k].h, floes[k].h)
         nx = 1.0 if wall.axis == 0 else 0.0
         c = damping(law.dashpot, k_n, w + wall.inverse_mass)
-        add_stiffness(sums, k, w, wall.inverse_mass, k_n, 0.0, 0.0, c, nx, 1.0 - nx, 0.0)
+        add_stiffness(sums[k], w, wall.inverse_mass, k_n, 0.0, 0.0, c, nx, 1.0 - nx, 0.0)
         if q == 0 or walls.number[q] != walls.number[q - 1]:
             of_wall, rate_of_wall = 0.0, 0.0
         share = wall.inverse_mass + np.sqrt(wall.inverse_mass * w)
@@ -428,7 +431,7 @@ def _stiffest(
         if of_wall > highest:
             highest, which = of_wall, k
         rate = max(rate, rate_of_wall)
-    for k in range(n):
+    for k in range(floes.size):
         w = max(inverse_x[k], inverse_y[k])
         if w == 0.0:
             continue
@@ -436,39 +439,38 @@ def _stiffest(
         value = max(largest_eigenvalue(sums[k], highest), 6.0 * max(1.0, ratio) * single * w)
         if value > highest:
             highest, which = value, k
-        rate = max(rate, sums[k, 6], 2.0 * w * damping(law.dashpot, single, 2.0 * w))
+        rate = max(rate, sums[k].rate, 2.0 * w * damping(law.dashpot, single, 2.0 * w))
     return highest, which, rate
 
 
 @inner
-def add_stiffness(sums, i, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
+def add_stiffness(row, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
     if w_i == 0.0:
         return
     share = (1.0 + np.sqrt(w_j / w_i)) * w_i
     spin = np.sqrt(2.0) * arm  # a/√(J/m) with J = m r²/2
-    row = sums[i]
-    row[0] += share * (k_n * nx * nx + k_t * ny * ny)
-    row[1] += share * (k_n * ny * ny + k_t * nx * nx)
-    row[2] += share * (k_n - k_t) * nx * ny
-    row[3] += share * k_t * spin * ny  # t = (−n_y, n_x); b = (t, a)
-    row[4] -= share * k_t * spin * nx
-    row[5] += share * (k_t * spin * spin + 2.0 * k_b)
-    row[6] += share * c
+    row.xx += share * (k_n * nx * nx + k_t * ny * ny)
+    row.yy += share * (k_n * ny * ny + k_t * nx * nx)
+    row.xy += share * (k_n - k_t) * nx * ny
+    row.xs += share * k_t * spin * ny  # t = (−n_y, n_x); b = (t, a)
+    row.ys -= share * k_t * spin * nx
+    row.ss += share * (k_t * spin * spin + 2.0 * k_b)
+    row.rate += share * c
 
 
 @inner
 def largest_eigenvalue(row, floor):
-    """Of the symmetric matrix (xx, yy, θθ; xy, xθ, yθ), by the trigonometric formula; at least `floor`."""
-    xx, yy, xy, xt, yt, tt = row[0], row[1], row[2], row[3], row[4], row[5]
-    mean = (xx + yy + tt) / 3.0
-    a, b, c = xx - mean, yy - mean, tt - mean
-    p2 = (a * a + b * b + c * c + 2.0 * (xy * xy + xt * xt + yt * yt)) / 6.0
+    """Of the symmetric matrix (xx, yy, ss; xy, xs, ys), by the trigonometric formula; at least `floor`."""
+    xx, yy, xy, xs, ys, ss = row.xx, row.yy, row.xy, row.xs, row.ys, row.ss
+    mean = (xx + yy + ss) / 3.0
+    a, b, c = xx - mean, yy - mean, ss - mean
+    p2 = (a * a + b * b + c * c + 2.0 * (xy * xy + xs * xs + ys * ys)) / 6.0
     p = np.sqrt(p2)
     if mean + 2.0 * p <= floor:  # of most floes no more need be known
         return floor
     if p2 <= 0.0:
         return mean
-    determinant = a * (b * c - yt * yt) - xy * (xy * c - yt * xt) + xt * (xy * yt - b * xt)
+    determinant = a * (b * c - ys * ys) - xy * (xy * c - ys * xs) + xs * (xy * ys - b * xs)
     r = min(max(determinant / (2.0 * p2 * p), -1.0), 1.0)
     return mean + 2.0 * p * np.cos(np.arccos(r) / 3.0)
 

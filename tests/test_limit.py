@@ -29,6 +29,7 @@ def test_a_floe_step_takes_no_more_instructions_than_when_it_was_last_counted(la
     assert instructions(law) <= 1.02 * STORED[law]
 
 
+@pytest.mark.long
 def test_cohesive_steps_are_those_written_out_by_hand():
     pack = ready(400, speed=2.0)  # bonds form and break
     lost = pack.package(200)
