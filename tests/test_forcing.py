@@ -851,6 +851,12 @@ def test_beyond_the_span_fields_hold_or_repeat_if_asked():
         assert velocity(repeat, square(), t * 86400)[0][0] == pytest.approx(repeated)
 
 
+def test_after_uneven_records_the_first_comes_again_after_the_mean_interval():
+    source = VelocityFile(in_time(metres(0.1, 0.0), DAYS), square(), beyond_span="repeat")
+    for day, u in ((3.0, 0.3), (3.75, 0.2), (4.5, 0.1), (5.0, 0.15), (-0.75, 0.2)):
+        assert velocity(source, square(), day * 86400)[0][0] == pytest.approx(u)
+
+
 def test_a_noleap_calendar_has_no_29_february(tmp_path):
     data = in_time(metres(0.1, 0.0), [0.0, 1.0])
     data["time"].attrs = {"units": "days since 2016-02-28", "calendar": "noleap"}
