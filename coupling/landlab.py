@@ -482,7 +482,7 @@ def _of_scene(scene: str | Path, cells: Grid) -> Model:
     return Model(
         model.domain, model.floes, model.contact, model.forces, _without(cells, own.land, model.domain), model.walls,
         model.inflow, model.step, model.sampling, model.ice_density, model.draft_fraction,
-        model.floes.rotation, model.seed,
+        model.floes.rotation, model.seed, threads=model.threads,
     )  # fmt: skip
 
 

@@ -213,6 +213,18 @@ def test_a_restart_feeds_on_with_the_same_bits():
     assert np.array_equal(first.floes.x, second.floes.x)
 
 
+def test_the_stress_on_a_wall_is_its_load_over_its_length_and_the_mean_thickness_by_area():
+    domain = Domain((0.0, 400.0), (0.0, 200.0), west="closed", north="closed")
+    places = [49.9, 300.0, 350.0], [100.0, 190.2, 20.0]  # over the walls by 0.1 and 0.2 m
+    floes = Floes(*places, [50.0, 10.0, 30.0], [2.0, 1.0, 9.0], motion=[0, 0, COAST])
+    model = Model(domain, floes, contact=Contact())
+    assert model.wall_edges == ("west", "north")
+    thickness = (50.0**2 * 2.0 + 10.0**2 * 1.0) / (50.0**2 + 10.0**2)  # the coast is no ice
+    west, north = 2e7 * 2.0 * 0.1, 2e7 * 1.0 * 0.2  # E h × overlap
+    expected = [west / (200.0 * thickness), north / (400.0 * thickness)]
+    assert model.wall_stress() == pytest.approx(expected)
+
+
 def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     floes = Floes([0.0, 30.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
     domain = Domain((-100.0, 100.0), (-100.0, 100.0))

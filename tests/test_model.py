@@ -19,7 +19,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import COAST, Floes
+from floebmi.floes import COAST, FIXED, FIXED_X, Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     AirDrag,
@@ -124,6 +124,14 @@ def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed()
     assert lengths["bonds"] < min(lengths[name] for name in ("healing", "beam"))
     assert "sqrt" in codes["dashpot"]
     assert "sqrt" not in codes["friction"]
+
+
+@pytest.mark.parametrize("rotation, free", [(False, 2 + 1), (True, 3 + 2)])
+def test_degrees_of_freedom_are_what_is_not_prescribed_of_floes_that_are_there(rotation, free):
+    motion = [0, FIXED_X, FIXED, COAST, 0]
+    floes = Floes(np.arange(5) * 30.0 - 60, 0.0, 10.0, 1.0, motion=motion)
+    floes.active[4] = False
+    assert Model(DOMAIN, floes, rotation=rotation).degrees_of_freedom() == free
 
 
 def test_the_tree_names_what_is_there_and_what_is_absent():

@@ -328,6 +328,11 @@ def test_a_calibration_is_kept_for_scenes_of_its_kind(tmp_path, monkeypatch):
     assert calibration.stored(other) is None
 
 
+def test_the_cost_of_a_run_is_that_of_its_steps_and_of_its_exchanges():
+    cost = calibration.Cost(floe_step=1e-8, exchange=1e-6)
+    assert cost.of(1000, exchanges=10, floes=50, cells=100) == pytest.approx(0.5e-3 + 1.5e-3)
+
+
 def test_a_calibration_does_not_run_beyond_the_end_of_its_scene(tmp_path, monkeypatch):
     """After it floes may have left, and steps of no floe cost nothing."""
     monkeypatch.setattr(calibration, "MEASURED_FOR", 0.0)
