@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as stn
 from netCDF4 import Dataset
 from small_run import GRIDS, LAND, small_model, small_run
 
-from floebmi import Domain, Floes, Grid, InputError, Model, Wall, frictional
+from floebmi import Domain, Floes, Grid, InputError, Model, Wall, cohesive, frictional
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
@@ -201,6 +201,7 @@ def test_each_kind_of_grid_can_be_rebuilt_from_its_file(tmp_path, kind):
         assert x.shape == (*model.grid.shape, 4)
         area = 0.5 * np.sum(x * np.roll(y, -1, -1) - y * np.roll(x, -1, -1), axis=-1)
         np.testing.assert_allclose(area, data.cell_area, rtol=1e-12)
+        assert data.cell_area.units == "m2"
         again = model.grid
     else:
         edges = [
@@ -284,6 +285,16 @@ def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
     arm_and_volume = (radius - 0.5) / (np.pi * radius**2 * floes.thickness.values[5:7])
     assert floes.pressure.values[0, 5:7] == pytest.approx(0.5 * force[5] * arm_and_volume)
     assert (np.delete(floes.pressure.values[0, :16], [5, 6]) == 0).all()
+
+
+def test_bonds_of_each_floe_are_counted(tmp_path):
+    domain = Domain((0.0, 100.0), (0.0, 100.0))
+    floes = Floes([10.0, 29.9, 49.8, 80.0], 50.0, 10.0, 1.0)  # that touch are frozen together
+    model = Model(domain, floes, contact=cohesive())
+    with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
+        writer.write(model)
+    with xr.open_dataset(tmp_path / "floes.nc") as data:
+        assert data.bond_count.values.tolist() == [[1, 2, 1, 0]]
 
 
 def test_types_are_those_of_the_table_also_where_nothing_touches_at_first(tmp_path):
@@ -610,6 +621,7 @@ def test_walls_stand_in_the_trajectory_file_with_their_places_and_stresses(tmp_p
         assert list(data.wall.values) == list(model.wall_edges) == ["east", "west"]
         assert data.wall_position.values[:, 0] == pytest.approx([99.0, 98.0, 97.0])
         assert (data.wall_position.values[:, 1] == 0.0).all()
+        assert (data.wall_position.units, data.wall_normal_stress.units) == ("m", "Pa")
         assert (data.wall_normal_stress.values[-1] == model.wall_stress()).all()
         assert (data.wall_normal_stress.values[-1] > 0).all()
 
