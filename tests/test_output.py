@@ -4,6 +4,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from floebmi import Domain, Floes, Grid, InputError, Model, Wall, cohesive, fric
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
+    _contact_sums,
     load_restart,
     open_file,
     save_restart,
@@ -117,6 +119,9 @@ def test_dates_are_those_of_the_reference(gridded, floes):
     expected = np.datetime64("1979-01-15T12:00") + np.arange(4) * np.timedelta64(100, "s")
     assert (gridded.time.values == expected).all()
     assert (floes.time.values == expected).all()
+    for data in (gridded, floes):
+        assert data.time.attrs["units_metadata"] == "leap_seconds: none"  # of the standard calendar alone
+        assert [data[name].attrs["axis"] for name in ("time", "x", "y")] == ["T", "X", "Y"]
 
 
 def test_latitude_and_longitude_are_those_of_the_projection(run, gridded, floes):
@@ -194,7 +199,8 @@ def test_each_kind_of_grid_can_be_rebuilt_from_its_file(tmp_path, kind):
         writer.write(model)
     data = open_strictly(path, mask_and_scale=False)
     if kind == "unstructured":
-        again = Grid.unstructured(data.node_x, data.node_y, data.face_nodes.values)
+        first = data.face_nodes.start_index
+        again = Grid.unstructured(data.node_x, data.node_y, data.face_nodes.values - first)
         assert data.sea_ice_area_fraction.attrs["mesh"] in data
     elif kind == "curvilinear":
         x, y = data.x_bnds.values, data.y_bnds.values
@@ -287,14 +293,18 @@ def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
     assert (np.delete(floes.pressure.values[0, :16], [5, 6]) == 0).all()
 
 
-def test_bonds_of_each_floe_are_counted(tmp_path):
-    domain = Domain((0.0, 100.0), (0.0, 100.0))
-    floes = Floes([10.0, 29.9, 49.8, 80.0], 50.0, 10.0, 1.0)  # that touch are frozen together
-    model = Model(domain, floes, contact=cohesive())
-    with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
-        writer.write(model)
-    with xr.open_dataset(tmp_path / "floes.nc") as data:
-        assert data.bond_count.values.tolist() == [[1, 2, 1, 0]]
+def test_bonds_of_each_floe_are_counted():
+    """Of three contacts in a row of four floes one is no bond."""
+    one = np.ones(3)
+    pairs = SimpleNamespace(
+        i=np.arange(3), j=np.arange(1, 4), fx=one, fy=one, dx=one, dy=one, overlap=0 * one,
+        bonded=np.array([True, True, False]),
+    )  # fmt: skip
+    floes = Floes(np.arange(4) * 20.0, 0.0, 10.0, 1.0)
+    model = SimpleNamespace(floes=floes, contact=cohesive(), contacts=lambda: pairs)
+    sums = _contact_sums(model)
+    assert sums["bond_count"].tolist() == [1, 2, 1, 0]
+    assert sums["contact_count"].tolist() == [1, 2, 2, 1]
 
 
 def test_types_are_those_of_the_table_also_where_nothing_touches_at_first(tmp_path):
