@@ -222,6 +222,16 @@ def test_what_the_floes_gain_is_what_the_fluids_lose_also_on_a_fixed_floe():
     assert accounts["held floes and coast"][1] < 0
 
 
+def test_a_floe_over_cells_without_water_is_neither_dragged_nor_slowed_in_its_spin():
+    floes = Floes([-500.0, 500.0], 0.0, 100.0, 1.0, u=0.1, rotation=True, angular_velocity=1e-3)
+    grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), shape=(1, 2), wet=[True, False])
+    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid)
+    model.advance(600.0)
+    assert (floes.u[1], floes.angular_velocity[1]) == (0.1, 1e-3)
+    assert floes.u[0] < 0.1 and floes.angular_velocity[0] < 1e-3
+    assert (model.ocean.undelivered == 0.0).all()
+
+
 def test_stress_of_floes_that_move_against_each_other_cancels_and_its_magnitude_adds_up():
     floes = Floes([-300.0, 300.0], 0.0, 100.0, 1.0, [0.3, -0.3], [0.4, -0.4])
     grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), shape=(1, 1))

@@ -19,6 +19,7 @@ from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
     _contact_sums,
+    _global_attributes,
     load_restart,
     open_file,
     save_restart,
@@ -120,7 +121,9 @@ def test_dates_are_those_of_the_reference(gridded, floes):
     assert (gridded.time.values == expected).all()
     assert (floes.time.values == expected).all()
     for data in (gridded, floes):
-        assert data.time.attrs["units_metadata"] == "leap_seconds: none"  # of the standard calendar alone
+        assert (
+            data.time.attrs["units_metadata"] == "leap_seconds: none"
+        )  # of the standard calendar alone
         assert [data[name].attrs["axis"] for name in ("time", "x", "y")] == ["T", "X", "Y"]
 
 
@@ -170,6 +173,10 @@ def test_attributes_tell_what_made_the_file(run, gridded, floes):
         assert data.attrs["contact"] == repr(run[2].contact)
         assert "OceanDrag" in data.attrs["forces"]
         assert data.attrs["domain_west"] == "inactive"
+    domain = Domain((0.0, 100.0), (0.0, 100.0))
+    other = Model(domain, Floes(50.0, 50.0, 10.0, 1.0), ice_density=900.0, seed=7)
+    told = _global_attributes(other, None, "gridded")
+    assert (told["ice_density"], told["seed"]) == (900.0, 7)
 
 
 def test_land_with_a_lake_is_written_as_cf_polygons(tmp_path):
@@ -279,6 +286,7 @@ def test_floes_are_missing_before_they_come_and_after_they_left(floes):
     assert list(np.isfinite(floes.x.values[:, 0])) == [True, False, False, False]
     assert list(np.isfinite(floes.x.values[:, 17])) == [False, False, False, True]
     assert np.isfinite(floes.radius.values).all()
+    assert (np.isfinite(floes.contact_count.values) == np.isfinite(floes.x.values)).all()
 
 
 def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
