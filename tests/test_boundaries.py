@@ -9,6 +9,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
 from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
+from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.sizes import SingleSize, UniformSize
@@ -237,6 +238,15 @@ def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     assert (fields["area_fraction"] * model.grid.area).sum() == pytest.approx(np.pi * 100, rel=1e-9)
     assert model._at[0][0, X * BLOCK + 1] == 0.0
     assert_books_close(model)
+
+
+@pytest.mark.parametrize("sampling", ["overlap", "centre"])
+def test_what_the_coast_takes_is_no_force_on_the_ice(sampling):
+    floes = Floes([40.0, 59.9], 50.0, 10.0, 1.0, motion=[0, COAST])
+    grid = Grid.uniform((0.0, 100.0), (0.0, 100.0), spacing=25.0)
+    model = Model(box(), floes, contact=Contact(), grid=grid, sampling=sampling)
+    push = model.internal_stress_fields()["internal_stress_divergence_x"]
+    assert push @ grid.area == pytest.approx(-2e7 * 1.0 * 0.1)  # E h × overlap
 
 
 def test_energy_that_came_and_went_within_an_exchange_has_passed():

@@ -19,6 +19,7 @@ from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
     _contact_sums,
+    _define_projection,
     _global_attributes,
     load_restart,
     open_file,
@@ -163,6 +164,13 @@ def test_projections_on_a_sphere_and_those_that_cf_does_not_know_are_written(
     for reading in readings:
         back = pyproj.Transformer.from_crs(reading, projection, always_xy=True)
         np.testing.assert_allclose(back.transform(3e5, -2e5), (3e5, -2e5), atol=1e-6)
+
+
+@pytest.mark.parametrize("projection, pole", [("EPSG:3413", 90.0), ("EPSG:3031", -90.0)])
+def test_a_polar_stereographic_plane_tells_its_pole(tmp_path, projection, pole):
+    with Dataset(tmp_path / "in memory.nc", "w", diskless=True) as data:
+        _define_projection(data, projection)
+        assert data["crs"].latitude_of_projection_origin == pole
 
 
 def test_attributes_tell_what_made_the_file(run, gridded, floes):
