@@ -500,7 +500,7 @@ def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
 
 
 @pytest.mark.parametrize("scheme", ["verlet", pytest.param("taylor3", marks=pytest.mark.long)])
-def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
+def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme, monkeypatch):
     def made():
         floes = Floes([0.0, 19.9, 300.0], [0.0, 0.0, 5.0], 10.0, 1.0, u=[0.3, 0.0, 0.0])
         return Model(
@@ -520,8 +520,19 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
         model.advance(10.0)
     after = model.state()
     assert all(np.array_equal(edited[name], after[name]) for name in edited)
-    assert model.ledger is ledger and np.shares_memory(model.floes.x, x)
     model.floes.u[2] = slow
+
+    def too_late(*given):  # all steps are taken, the wall has moved, floes have come in
+        raise StabilityError("late")
+
+    before = model.state()
+    with monkeypatch.context() as late:
+        late.setattr(Model, "_check_energy", too_late)
+        with pytest.raises(StabilityError, match="late"):
+            model.advance(10.0)
+    after = model.state()
+    assert [name for name in before if not np.array_equal(before[name], after[name])] == []
+    assert model.ledger is ledger and np.shares_memory(model.floes.x, x)
     for one in (model, other):
         one.advance(2.0)
     assert np.array_equal(other.floes.x, model.floes.x)
