@@ -18,6 +18,7 @@ from coupling.driver import (
     CouplingError,
     Link,
     _Connection,
+    _Impulse,
     bmi_grid,
     couple,
 )
@@ -335,6 +336,16 @@ def test_land_of_the_host_gets_no_stress_and_its_velocities_are_not_read(ocean):
     with pytest.raises(CouplingError, match=r"is nan in cell 0 \(5 such cells\) at 600 s"):
         couple(ocean, ice, every=600.0, until=1200.0)
     assert lines == []
+
+
+def test_the_floes_budget_counts_what_they_gave_to_no_water():
+    """Wind gave 4 N s; the water got 3, and 2 more were lost on the floes' own grid: they are slower by 1."""
+    given, none = np.array([3.0, 0.0]), np.zeros(2)
+    change = {"floes": [-1.0, 0.0], "other": [4.0, 0.0], "no water": [2.0, 0.0]}
+    change = {name: np.array(pair) for name, pair in change.items()}
+    books = SimpleNamespace(ledger=[], _turnover=10.0)
+    line = Coupling._line(books, 600.0, 600.0, _Impulse(given, given, none, {0, 1}), change)
+    assert (line.budget_residual == 0.0).all() and line.relative == 0.0
 
 
 def test_stress_over_land_cells_only_is_reported_as_undelivered(ocean):
