@@ -506,7 +506,8 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme, monkeypatch):
         return Model(
             Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional()._replace(bonds=TensileStrength()),
             forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)],
-            inflow=Inflow("north", PowerLaw(10.0, 20.0), 1.0), walls=[Wall("west", normal_stress=1e3)],
+            inflow=Inflow("north", PowerLaw(10.0, 20.0), velocity=(0.0, -5.0)),
+            walls=[Wall("west", normal_stress=1e3)],
             step=Step(scheme, length=0.02),
         )  # fmt: skip
 
@@ -520,6 +521,7 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme, monkeypatch):
         model.advance(10.0)
     after = model.state()
     assert all(np.array_equal(edited[name], after[name]) for name in edited)
+    assert model.ledger is ledger and np.shares_memory(model.floes.x, x)
     model.floes.u[2] = slow
 
     def too_late(*given):  # all steps are taken, the wall has moved, floes have come in
@@ -532,7 +534,6 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme, monkeypatch):
             model.advance(10.0)
     after = model.state()
     assert [name for name in before if not np.array_equal(before[name], after[name])] == []
-    assert model.ledger is ledger and np.shares_memory(model.floes.x, x)
     for one in (model, other):
         one.advance(2.0)
     assert np.array_equal(other.floes.x, model.floes.x)
