@@ -409,6 +409,12 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
     with netCDF4.Dataset(path) as file:  # what ESMF's readers expect
         sums = np.bincount(file["row"][:] - 1, file["S"][:], minlength=target.size)
         np.testing.assert_allclose(sums, file["frac_b"][:], atol=1e-14)
+        common = file["S"][:] * target.area[file["row"][:] - 1]
+        share = np.bincount(file["col"][:] - 1, common, minlength=source.size) / (
+            1.01 * source.area
+        )
+        np.testing.assert_allclose(file["frac_a"][:], share, atol=1e-14)
+        assert {file[name].units for name in ("area_a", "area_b", "overlap_area")} == {"m2"}
     with netCDF4.Dataset(tmp_path / "other.nc", "w") as file:
         file.title = "something else"
     with pytest.raises(InputError, match="not a file of overlap weights"):
