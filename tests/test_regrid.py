@@ -388,6 +388,12 @@ def test_weights_agree_with_those_of_yac_on_the_same_grids(pair, word, tmp_path)
 # ---- files and faults -------------------------------------------------------------------------
 
 
+def test_grids_that_differ_along_one_axis_or_in_their_mask_have_checksums_of_their_own():
+    grids = [Grid.uniform((x, x + 4), (y, y + 4), 1) for x, y in ((0, 0), (2, 0), (0, 2))]
+    grids.append(grids[0].with_wet(np.arange(16) > 0))
+    assert len({checksum(grid) for grid in grids}) == 4
+
+
 def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
     import netCDF4
 
