@@ -479,11 +479,14 @@ def _of_scene(scene: str | Path, cells: Grid) -> Model:
                 f"{read.file}: [{name}] has numbers of its own; here they come from the grid's fields: leave"
                 " them out"
             )
-    return Model(
+    made = Model(
         model.domain, model.floes, model.contact, model.forces, _without(cells, own.land, model.domain), model.walls,
         model.inflow, model.step, model.sampling, model.ice_density, model.draft_fraction,
-        model.floes.rotation, model.seed,
+        model.floes.rotation, model.seed, threads=model.threads,
     )  # fmt: skip
+    if water is not None:
+        made.ocean.layer_thickness = water.layer_thickness
+    return made
 
 
 def _without(cells: Grid, land: list[np.ndarray], domain: Domain) -> Grid:

@@ -217,15 +217,20 @@ def _frame(model: "Model", grid: Grid, drift: np.ndarray) -> dict[str, np.ndarra
 
 def _inertia_number(model: "Model", grid: Grid, frames: Mapping[str, np.ndarray]) -> float:
     """I = γ̇ d √(ρ/N) (Eq. 3), γ̇ the largest shear rate of the mean gridded velocity, N the mean pressure."""
-    mass = model.ice_density * model.floes.thickness.mean() * frames["area_fraction"]
+    f = model.floes
+    ice = f.active & ~f.land
+    if not ice.any():
+        return np.nan
+    thickness = f.volume[ice].sum() / f.area[ice].sum()
+    mass = model.ice_density * thickness * frames["area_fraction"]
     u, v = np.moveaxis(frames["velocity"] / np.maximum(mass, 1e-12)[:, None], 1, 0).mean(axis=1)
     along_x, along_y = gradient_operators(grid)
     rate = np.hypot(along_x @ u - along_y @ v, along_y @ u + along_x @ v)
     iced = frames["area_fraction"].mean(axis=0) > 0.15
-    normal = frames["stress"].mean(axis=0)[iced].mean() / model.floes.thickness.mean() if iced.any() else 0.0  # fmt: skip
+    normal = frames["stress"].mean(axis=0)[iced].mean() / thickness if iced.any() else 0.0
     if not normal > 0:
         return np.nan
-    diameter = 2 * model.floes.radius[~model.floes.land].mean()
+    diameter = 2 * f.radius[ice].mean()
     return float(np.sqrt((rate[iced] ** 2).mean()) * diameter * np.sqrt(model.ice_density / normal))
 
 

@@ -9,6 +9,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
 from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
+from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.sizes import SingleSize, UniformSize
@@ -213,6 +214,18 @@ def test_a_restart_feeds_on_with_the_same_bits():
     assert np.array_equal(first.floes.x, second.floes.x)
 
 
+def test_the_stress_on_a_wall_is_its_load_over_its_length_and_the_mean_thickness_by_area():
+    domain = Domain((0.0, 400.0), (0.0, 200.0), west="closed", north="closed")
+    places = [49.9, 300.0, 350.0], [100.0, 190.2, 20.0]  # over the walls by 0.1 and 0.2 m
+    floes = Floes(*places, [50.0, 10.0, 30.0], [2.0, 1.0, 9.0], motion=[0, 0, COAST])
+    model = Model(domain, floes, contact=Contact())
+    assert model.wall_edges == ("west", "north")
+    thickness = (50.0**2 * 2.0 + 10.0**2 * 1.0) / (50.0**2 + 10.0**2)  # the coast is no ice
+    west, north = 2e7 * 2.0 * 0.1, 2e7 * 1.0 * 0.2  # E h × overlap
+    expected = [west / (200.0 * thickness), north / (400.0 * thickness)]
+    assert model.wall_stress() == pytest.approx(expected)
+
+
 def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     floes = Floes([0.0, 30.0], 0.0, 10.0, 1.0, u=[1.0, 0.0], motion=[0, COAST])
     domain = Domain((-100.0, 100.0), (-100.0, 100.0))
@@ -225,6 +238,15 @@ def test_coast_is_no_ice_it_has_no_mass_and_no_drag_but_it_stops_floes():
     assert (fields["area_fraction"] * model.grid.area).sum() == pytest.approx(np.pi * 100, rel=1e-9)
     assert model._at[0][0, X * BLOCK + 1] == 0.0
     assert_books_close(model)
+
+
+@pytest.mark.parametrize("sampling", ["overlap", "centre"])
+def test_what_the_coast_takes_is_no_force_on_the_ice(sampling):
+    floes = Floes([40.0, 59.9], 50.0, 10.0, 1.0, motion=[0, COAST])
+    grid = Grid.uniform((0.0, 100.0), (0.0, 100.0), spacing=25.0)
+    model = Model(box(), floes, contact=Contact(), grid=grid, sampling=sampling)
+    push = model.internal_stress_fields()["internal_stress_divergence_x"]
+    assert push @ grid.area == pytest.approx(-2e7 * 1.0 * 0.1)  # E h × overlap
 
 
 def test_energy_that_came_and_went_within_an_exchange_has_passed():

@@ -6,11 +6,22 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from coupling.driver import HEADER, Coupling, CouplingError, Link, bmi_grid, couple
+from coupling.driver import (
+    HEADER,
+    OVER_ICE,
+    Coupling,
+    CouplingError,
+    Link,
+    _Connection,
+    _Impulse,
+    bmi_grid,
+    couple,
+)
 from coupling.regrid import Regrid
 from coupling.slab import MOMENTUM, RECEIVED, STRESS, SURFACE, TwoSlabOcean
 from floebmi.errors import InputError
@@ -327,6 +338,16 @@ def test_land_of_the_host_gets_no_stress_and_its_velocities_are_not_read(ocean):
     assert lines == []
 
 
+def test_the_floes_budget_counts_what_they_gave_to_no_water():
+    """Wind gave 4 N s; the water got 3, and 2 more were lost on the floes' own grid: they are slower by 1."""
+    given, none = np.array([3.0, 0.0]), np.zeros(2)
+    change = {"floes": [-1.0, 0.0], "other": [4.0, 0.0], "no water": [2.0, 0.0]}
+    change = {name: np.array(pair) for name, pair in change.items()}
+    books = SimpleNamespace(ledger=[], _turnover=10.0)
+    line = Coupling._line(books, 600.0, 600.0, _Impulse(given, given, none, {0, 1}), change)
+    assert (line.budget_residual == 0.0).all() and line.relative == 0.0
+
+
 def test_stress_over_land_cells_only_is_reported_as_undelivered(ocean):
     ocean, ice = ocean(), Ice(Grid.uniform((0, 20e3), (0, 12e3), spacing=500.0))
     wet = np.ones(60, bool)
@@ -400,6 +421,29 @@ def test_ice_fraction_keeps_its_area_and_thickness_its_volume(ocean):
     volume = (got[FRACTION] * got[THICKNESS] * area).sum()
     np.testing.assert_allclose(volume, (ice_area * ice.values[THICKNESS]).sum(), rtol=1e-12)
     assert got[THICKNESS][got[THICKNESS] > 0].min() >= 1.0  # never thinned by open water
+
+
+def test_means_over_the_ice_are_weighted_by_what_makes_them_amounts_again():
+    """Two cells of the floes in one of the host: velocity keeps momentum, thickness and stress per ice area theirs."""
+    cells = Grid.uniform((0.0, 2.0), (0.0, 1.0), spacing=1.0)
+    regrid = Regrid(Grid.uniform((0.0, 2.0), (0.0, 1.0), shape=(1, 1)), cells)
+    fraction, mass = "sea_ice__area_fraction", "sea_ice__mass-per-area_density"
+    amounts = {fraction: np.array([0.2, 0.6]), mass: np.array([900.0, 100.0])}
+    of_x = "sea_ice_flowing__x_component_of_velocity"
+    per_ice = "sea_ice_floe_bottom_water_flowing__x_z_component_of_stress"
+    for name, weight, mean in (
+        (THICKNESS, fraction, (0.2 * 1 + 0.6 * 3) / 0.8),
+        (of_x, mass, (900 * 1 + 100 * 3) / 1000),
+        (of_x.replace("x_", "y_"), mass, 1.2),
+        (per_ice, fraction, 2.5),
+        (per_ice.replace("x_z", "y_z"), fraction, 2.5),
+    ):
+        giver = SimpleNamespace(name="floes", get=amounts.__getitem__)
+        carried = _Connection(
+            giver, None, name, name, "mean", OVER_ICE[name], False, None, 0.0, (0, 0), regrid
+        )  # fmt: skip
+        assert OVER_ICE[name] == weight
+        assert carried.carry(np.array([1.0, 3.0])) == pytest.approx([mean])
 
 
 def test_convertible_units_are_converted_and_others_are_refused(ocean):

@@ -98,6 +98,19 @@ def test_the_pack_bears_a_shear_stress_and_moves_less_towards_the_floes_that_sta
     assert sheared["normal_stress_met"] == pytest.approx(20e3, rel=0.2)  # 18 to 21 kPa of six seeds
 
 
+def test_the_inertia_number_is_of_the_height_between_the_held_floes_and_the_mean_diameter(sheared):
+    height = sheared["wall_position"][480:].mean() - 2 * 16.0  # of 1200, the last 0.6
+    assert sheared["shear_rate"] == pytest.approx(1.0 / height)
+    low, high = 5.0, 8.0  # radii by r^-1.8
+    radius = (high**0.2 - low**0.2) / 0.2 / ((low**-0.8 - high**-0.8) / 0.8)
+    number = 2 * radius / height * np.sqrt(934.0 / 20e3)
+    assert sheared["inertia_number"] == pytest.approx(number, rel=0.05)  # of 60 floes
+    blocks = sheared["shear_stress_in_time"][480:].reshape(10, 72).mean(axis=1)
+    error = np.sqrt(((blocks - blocks.mean()) ** 2).sum() / 9 / 10)
+    assert sheared["shear_stress"] == pytest.approx(blocks.mean())
+    assert sheared["shear_stress_error"] == pytest.approx(error)
+
+
 def test_the_force_on_the_driven_floes_is_what_the_ledger_books_for_held_ones():
     """The pack between gains what the driven floes and those that stand give to it."""
     p = make(Shear, SMALL_SHEAR)

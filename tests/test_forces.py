@@ -6,7 +6,7 @@ import pytest
 from floebmi.boundaries import Domain
 from floebmi.contact import frictional
 from floebmi.errors import InputError
-from floebmi.floes import FIXED, Floes
+from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import (
     DRAG_PRESETS,
     FLUID_U,
@@ -220,6 +220,37 @@ def test_what_the_floes_gain_is_what_the_fluids_lose_also_on_a_fixed_floe():
         assert given == pytest.approx(booked, rel=1e-12)
     assert model.ledger.balance("momentum_x").relative < 1e-12
     assert accounts["held floes and coast"][1] < 0
+
+
+def test_a_floe_over_cells_without_water_is_neither_dragged_nor_slowed_in_its_spin():
+    floes = Floes([-500.0, 500.0], 0.0, 100.0, 1.0, u=0.1, rotation=True, angular_velocity=1e-3)
+    grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), shape=(1, 2), wet=[True, False])
+    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid)
+    model.advance(600.0)
+    assert (floes.u[1], floes.angular_velocity[1]) == (0.1, 1e-3)
+    assert floes.u[0] < 0.1 and floes.angular_velocity[0] < 1e-3
+    assert (model.ocean.undelivered == 0.0).all()
+
+
+def test_stress_of_floes_that_move_against_each_other_cancels_and_its_magnitude_adds_up():
+    floes = Floes([-300.0, 300.0], 0.0, 100.0, 1.0, [0.3, -0.3], [0.4, -0.4])
+    grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), shape=(1, 1))
+    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid)
+    model.advance(600.0)
+    lost = floes.mass(934.0)[0] * (0.5 - np.hypot(floes.u, floes.v)[0])  # N s, of each
+    fields = model.fields()
+    assert fields["ocean_stress_magnitude"] == pytest.approx(2 * lost / (4e6 * 600.0))
+    assert np.abs(fields["ocean_stress_x"]).max() < 1e-12 * fields["ocean_stress_magnitude"][0]
+
+
+def test_the_range_of_bulk_coefficients_is_that_of_the_ice_by_draft_and_freeboard():
+    floes = Floes(np.arange(4) * 300.0, 0.0, [100.0, 50.0, 1.0, 1.0], 1.0, motion=[0, 0, COAST, 0])
+    floes.active[3] = False
+    ocean, air = OceanDrag(1026.0, 0.5, 1e-3), AirDrag(1.3, 0.5, 1e-3)
+    model = Model(DOMAIN, floes, forces=[ocean, air], draft_fraction=0.8)
+    # c_v 2 r side / r² + c_h, with sides of 0.8 and 0.2 m
+    assert model.bulk_range(ocean) == pytest.approx((9e-3, 17e-3))
+    assert model.bulk_range(air) == pytest.approx((3e-3, 5e-3))
 
 
 def test_nan_in_a_wet_cell_is_refused_with_field_cell_and_time_and_nothing_moves():

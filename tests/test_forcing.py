@@ -8,6 +8,7 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from floebmi.cgrid import mean_of_faces
 from floebmi.errors import InputError
 from floebmi.fields import open_files
 from floebmi.forcing import Constant, Function, VelocityFile
@@ -246,6 +247,19 @@ def test_without_angle_the_direction_is_that_of_the_columns(tmp_path):
     np.testing.assert_allclose(u + 1j * v, expected, atol=1e-5)
 
 
+def test_components_have_units_and_masks_of_their_own_and_an_angle_may_be_in_degrees(tmp_path):
+    grid, data = around(10, 75), roms()
+    data["angle"] = np.degrees(data.angle).assign_attrs(units="degrees")
+    data["v"] = (100 * data.v).assign_attrs(units="cm s-1")
+    for name, v_there in (("open.nc", -0.05), ("closed.nc", 0.0)):
+        u, v = velocity(VelocityFile(saved(data, tmp_path, name), grid, projection=POLAR), grid)
+        expected = (0.1 + 0.01 * along_xi(grid) + 1j * v_there) * np.exp(1j * ROMS_TURN)
+        np.testing.assert_allclose(u + 1j * v, expected, atol=1e-7)
+        data["mask_v"] = xr.zeros_like(
+            data.v
+        )  # of the second file: nothing flows through these faces
+
+
 def test_an_angle_of_the_wrong_sign_is_warned_of(tmp_path):
     data = roms()
     data["angle"] = -data.angle
@@ -273,6 +287,16 @@ def test_closed_faces_beside_water_stop_the_flow_and_land_is_never_touched(tmp_p
     assert speed_at(15.4) == pytest.approx(0.1)  # land has no weight
     with pytest.raises(InputError, match="only land"):
         speed_at(17)
+
+
+def test_around_the_globe_the_first_face_comes_after_the_last():
+    """Faces before the centres: those of the last of four columns are the fourth and, if the grid closes, the first."""
+    flow = np.array([1.0, 2.0, 3.0, 8.0])
+    for periodic, last in ((True, 4.5), (False, 8.0)):
+        mean, used = mean_of_faces(4, slice(2, 4), (0, 1), periodic)
+        assert (mean @ flow[used]).tolist() == [5.5, last]
+    mean, used = mean_of_faces(4, slice(0, 2), (-1, 0), True)
+    assert (mean @ flow[used]).tolist() == [4.5, 1.5]
 
 
 def test_a_face_beyond_the_end_of_the_file_does_not_count():
@@ -716,6 +740,13 @@ def test_the_level_nearest_to_the_depth_is_taken_and_other_dimensions_must_be_ch
     grid = square()
     assert velocity(VelocityFile(levels, grid), grid)[0][0] == pytest.approx(0.1)
     assert velocity(VelocityFile(levels, grid, depth=12), grid)[0][0] == pytest.approx(0.2)
+    for by, units in ((1.0, "m"), (1e3, "km")):  # heights below 0, as in ROMS
+        told = levels.assign_coords(
+            depth=("depth", [-50 / by, -10 / by, -0.5 / by], {"units": units})
+        )
+        for depth, u in ((0.0, 0.1), (12.0, 0.2), (40.0, 0.3)):
+            source = VelocityFile(told, grid, depth=depth)
+            assert velocity(source, grid)[0][0] == pytest.approx(u)
     members = levels.drop_vars("depth").rename(depth="member")
     with pytest.raises(InputError, match="member, .*choose with select"):
         VelocityFile(members, grid)
@@ -851,6 +882,20 @@ def test_beyond_the_span_fields_hold_or_repeat_if_asked():
         assert velocity(repeat, square(), t * 86400)[0][0] == pytest.approx(repeated)
 
 
+def test_a_sum_of_steps_meets_the_last_record_in_spite_of_round_off():
+    source = VelocityFile(in_time(metres(0.1, 0.0), DAYS), square())
+    last = 3 * 86400.0
+    assert velocity(source, square(), last * (1 + 1e-12))[0][0] == pytest.approx(0.3)
+    with pytest.raises(InputError, match="is outside the file's times"):
+        velocity(source, square(), last + 0.01)
+
+
+def test_after_uneven_records_the_first_comes_again_after_the_mean_interval():
+    source = VelocityFile(in_time(metres(0.1, 0.0), DAYS), square(), beyond_span="repeat")
+    for day, u in ((3.0, 0.3), (3.75, 0.2), (4.5, 0.1), (5.0, 0.15), (-0.75, 0.2)):
+        assert velocity(source, square(), day * 86400)[0][0] == pytest.approx(u)
+
+
 def test_a_noleap_calendar_has_no_29_february(tmp_path):
     data = in_time(metres(0.1, 0.0), [0.0, 1.0])
     data["time"].attrs = {"units": "days since 2016-02-28", "calendar": "noleap"}
@@ -859,6 +904,8 @@ def test_a_noleap_calendar_has_no_29_february(tmp_path):
     assert source.span == (-43200.0, 43200.0)
     assert velocity(source, grid)[0][0] == pytest.approx(0.15)
     assert "2016-02-28 … 2016-03-01" in repr(source)
+    with pytest.raises(InputError, match=r"t = 172800 s \(2016-03-02T12:00\) is outside"):
+        velocity(source, grid, 2 * 86400.0)
     with pytest.raises(InputError, match="time: start = .* not a date of the calendar 'noleap'"):
         VelocityFile(path, grid, start="2016-02-29")
 

@@ -49,6 +49,20 @@ def test_an_axis_may_fall():
     np.testing.assert_allclose(half_cell_ends(np.array([9.0, 5.0, 1.0])), (-1.0, 11.0), atol=1e-5)
 
 
+def test_an_uneven_axis_ends_half_a_spacing_of_its_own_beyond_each_end():
+    for axis in ([0.0, 1.0, 3.0], [3.0, 1.0, 0.0]):
+        np.testing.assert_allclose(half_cell_ends(np.array(axis)), (-0.5, 4.0), atol=1e-5)
+
+
+def test_a_hole_in_an_axis_is_a_step_much_longer_than_both_beside_it():
+    """Each side of a hole keeps half a step of its own; a step twice as long as its neighbours is none."""
+    with_hole = np.array([0.0, 1.0, 2.0, 20.0, 22.0, 24.0])
+    index = on_axis(with_hole, np.array([1.5, 2.4, 2.6, 18.9, 19.2, 21.0]), -0.5, 25.0)
+    np.testing.assert_allclose(index, [1.5, 2.0, np.nan, np.nan, 3.0, 3.5])
+    without = np.array([0.0, 1.0, 3.0, 4.0])
+    np.testing.assert_allclose(on_axis(without, np.array([1.5, 2.0]), -0.5, 4.5), [1.25, 1.5])
+
+
 def test_weights_sum_to_one_over_wet_points_and_touch_no_other():
     rng = np.random.default_rng(3)
     wet = rng.random((6, 7)) > 0.7

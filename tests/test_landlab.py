@@ -24,7 +24,7 @@ from landlab.cmd.landlab import _validate_component
 from landlab.components import COMPONENTS
 
 import coupling.landlab
-from coupling.landlab import FRACTION, THICKNESS, SeaIceFloes, cells_of
+from coupling.landlab import FRACTION, THICKNESS, SeaIceFloes, _of_scene, cells_of
 from floebmi.boundaries import Domain
 from floebmi.coast import from_polygons
 from floebmi.errors import InputError
@@ -360,6 +360,24 @@ def test_floes_come_from_a_concentration_from_fields_or_from_a_scene(tmp_path):
     )
     ice = SeaIceFloes(grid(), scene=tmp_path / "two.toml")
     assert len(ice.model.floes) == 1 and ice.model.grid.size == 100
+
+
+def test_a_scene_keeps_what_it_says_but_for_the_cells(tmp_path):
+    (tmp_path / "said.toml").write_text(
+        "contact = 'frictional'\nsampling = 'centre'\nseed = 5\nthreads = 2\n"
+        "[domain]\nx = [500, 10500]\ny = [500, 10500]\n"
+        "[ice]\ndensity = 900\ndraft = 0.8\n[step]\nfraction = 0.2\n[ocean]\nlayer_thickness = 12\n"
+        "[[floes]]\narrangement = 'list'\neach = [{x = 3000, y = 3000, radius = 300, thickness = 1}]\n"
+        "[[walls]]\nedge = 'north'\nvelocity = -0.1\n"
+        "[[inflow]]\nedge = 'west'\nsizes = { distribution = 'single', radius = 200 }\n"
+    )
+    model = _of_scene(
+        tmp_path / "said.toml", cells_of(RasterModelGrid((12, 12), xy_spacing=1000.0))
+    )
+    assert (model.sampling, model.seed, model.threads) == ("centre", 5, 2)
+    assert (model.ice_density, model.draft_fraction, model.step.fraction) == (900.0, 0.8, 0.2)
+    assert model.walls[0].velocity == -0.1 and model.inflow[0].edge == "west"
+    assert model.ocean.layer_thickness == 12.0 and model.grid.size == 100
 
 
 def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):

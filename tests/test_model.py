@@ -19,7 +19,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import COAST, Floes
+from floebmi.floes import COAST, FIXED, FIXED_X, Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     AirDrag,
@@ -124,6 +124,14 @@ def test_friction_bonds_and_dashpots_are_not_in_the_machine_code_unless_listed()
     assert lengths["bonds"] < min(lengths[name] for name in ("healing", "beam"))
     assert "sqrt" in codes["dashpot"]
     assert "sqrt" not in codes["friction"]
+
+
+@pytest.mark.parametrize("rotation, free", [(False, 2 + 1), (True, 3 + 2)])
+def test_degrees_of_freedom_are_what_is_not_prescribed_of_floes_that_are_there(rotation, free):
+    motion = [0, FIXED_X, FIXED, COAST, 0]
+    floes = Floes(np.arange(5) * 30.0 - 60, 0.0, 10.0, 1.0, motion=motion)
+    floes.active[4] = False
+    assert Model(DOMAIN, floes, rotation=rotation).degrees_of_freedom() == free
 
 
 def test_the_tree_names_what_is_there_and_what_is_absent():
@@ -492,13 +500,14 @@ def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
 
 
 @pytest.mark.parametrize("scheme", ["verlet", pytest.param("taylor3", marks=pytest.mark.long)])
-def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
+def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme, monkeypatch):
     def made():
         floes = Floes([0.0, 19.9, 300.0], [0.0, 0.0, 5.0], 10.0, 1.0, u=[0.3, 0.0, 0.0])
         return Model(
             Domain((-400.0, 400.0), (-400.0, 400.0)), floes, contact=frictional()._replace(bonds=TensileStrength()),
             forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)],
-            inflow=Inflow("north", PowerLaw(10.0, 20.0), 1.0), walls=[Wall("west", normal_stress=1e3)],
+            inflow=Inflow("north", PowerLaw(10.0, 20.0), velocity=(0.0, -5.0)),
+            walls=[Wall("west", normal_stress=1e3)],
             step=Step(scheme, length=0.02),
         )  # fmt: skip
 
@@ -514,6 +523,17 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme):
     assert all(np.array_equal(edited[name], after[name]) for name in edited)
     assert model.ledger is ledger and np.shares_memory(model.floes.x, x)
     model.floes.u[2] = slow
+
+    def too_late(*given):  # all steps are taken, the wall has moved, floes have come in
+        raise StabilityError("late")
+
+    before = model.state()
+    with monkeypatch.context() as late:
+        late.setattr(Model, "_check_energy", too_late)
+        with pytest.raises(StabilityError, match="late"):
+            model.advance(10.0)
+    after = model.state()
+    assert [name for name in before if not np.array_equal(before[name], after[name])] == []
     for one in (model, other):
         one.advance(2.0)
     assert np.array_equal(other.floes.x, model.floes.x)

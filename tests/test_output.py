@@ -4,6 +4,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,13 @@ from hypothesis.extra import numpy as stn
 from netCDF4 import Dataset
 from small_run import GRIDS, LAND, small_model, small_run
 
-from floebmi import Domain, Floes, Grid, InputError, Model, Wall, frictional
+from floebmi import Domain, Floes, Grid, InputError, Model, Wall, cohesive, frictional
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
+    _contact_sums,
+    _define_projection,
+    _global_attributes,
     load_restart,
     open_file,
     save_restart,
@@ -117,6 +121,11 @@ def test_dates_are_those_of_the_reference(gridded, floes):
     expected = np.datetime64("1979-01-15T12:00") + np.arange(4) * np.timedelta64(100, "s")
     assert (gridded.time.values == expected).all()
     assert (floes.time.values == expected).all()
+    for data in (gridded, floes):
+        assert (
+            data.time.attrs["units_metadata"] == "leap_seconds: none"
+        )  # of the standard calendar alone
+        assert [data[name].attrs["axis"] for name in ("time", "x", "y")] == ["T", "X", "Y"]
 
 
 def test_latitude_and_longitude_are_those_of_the_projection(run, gridded, floes):
@@ -157,6 +166,13 @@ def test_projections_on_a_sphere_and_those_that_cf_does_not_know_are_written(
         np.testing.assert_allclose(back.transform(3e5, -2e5), (3e5, -2e5), atol=1e-6)
 
 
+@pytest.mark.parametrize("projection, pole", [("EPSG:3413", 90.0), ("EPSG:3031", -90.0)])
+def test_a_polar_stereographic_plane_tells_its_pole(tmp_path, projection, pole):
+    with Dataset(tmp_path / "in memory.nc", "w", diskless=True) as data:
+        _define_projection(data, projection)
+        assert data["crs"].latitude_of_projection_origin == pole
+
+
 def test_attributes_tell_what_made_the_file(run, gridded, floes):
     for data in (gridded, floes):
         assert data.attrs["Conventions"].startswith("CF-1.11")
@@ -165,6 +181,10 @@ def test_attributes_tell_what_made_the_file(run, gridded, floes):
         assert data.attrs["contact"] == repr(run[2].contact)
         assert "OceanDrag" in data.attrs["forces"]
         assert data.attrs["domain_west"] == "inactive"
+    domain = Domain((0.0, 100.0), (0.0, 100.0))
+    other = Model(domain, Floes(50.0, 50.0, 10.0, 1.0), ice_density=900.0, seed=7)
+    told = _global_attributes(other, None, "gridded")
+    assert (told["ice_density"], told["seed"]) == (900.0, 7)
 
 
 def test_land_with_a_lake_is_written_as_cf_polygons(tmp_path):
@@ -194,13 +214,15 @@ def test_each_kind_of_grid_can_be_rebuilt_from_its_file(tmp_path, kind):
         writer.write(model)
     data = open_strictly(path, mask_and_scale=False)
     if kind == "unstructured":
-        again = Grid.unstructured(data.node_x, data.node_y, data.face_nodes.values)
+        first = data.face_nodes.start_index
+        again = Grid.unstructured(data.node_x, data.node_y, data.face_nodes.values - first)
         assert data.sea_ice_area_fraction.attrs["mesh"] in data
     elif kind == "curvilinear":
         x, y = data.x_bnds.values, data.y_bnds.values
         assert x.shape == (*model.grid.shape, 4)
         area = 0.5 * np.sum(x * np.roll(y, -1, -1) - y * np.roll(x, -1, -1), axis=-1)
         np.testing.assert_allclose(area, data.cell_area, rtol=1e-12)
+        assert data.cell_area.units == "m2"
         again = model.grid
     else:
         edges = [
@@ -272,6 +294,7 @@ def test_floes_are_missing_before_they_come_and_after_they_left(floes):
     assert list(np.isfinite(floes.x.values[:, 0])) == [True, False, False, False]
     assert list(np.isfinite(floes.x.values[:, 17])) == [False, False, False, True]
     assert np.isfinite(floes.radius.values).all()
+    assert (np.isfinite(floes.contact_count.values) == np.isfinite(floes.x.values)).all()
 
 
 def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
@@ -284,6 +307,20 @@ def test_contacts_of_each_floe_are_counted_and_their_forces_summed(floes):
     arm_and_volume = (radius - 0.5) / (np.pi * radius**2 * floes.thickness.values[5:7])
     assert floes.pressure.values[0, 5:7] == pytest.approx(0.5 * force[5] * arm_and_volume)
     assert (np.delete(floes.pressure.values[0, :16], [5, 6]) == 0).all()
+
+
+def test_bonds_of_each_floe_are_counted():
+    """Of three contacts in a row of four floes one is no bond."""
+    one = np.ones(3)
+    pairs = SimpleNamespace(
+        i=np.arange(3), j=np.arange(1, 4), fx=one, fy=one, dx=one, dy=one, overlap=0 * one,
+        bonded=np.array([True, True, False]),
+    )  # fmt: skip
+    floes = Floes(np.arange(4) * 20.0, 0.0, 10.0, 1.0)
+    model = SimpleNamespace(floes=floes, contact=cohesive(), contacts=lambda: pairs)
+    sums = _contact_sums(model)
+    assert sums["bond_count"].tolist() == [1, 2, 1, 0]
+    assert sums["contact_count"].tolist() == [1, 2, 2, 1]
 
 
 def test_types_are_those_of_the_table_also_where_nothing_touches_at_first(tmp_path):
@@ -610,6 +647,7 @@ def test_walls_stand_in_the_trajectory_file_with_their_places_and_stresses(tmp_p
         assert list(data.wall.values) == list(model.wall_edges) == ["east", "west"]
         assert data.wall_position.values[:, 0] == pytest.approx([99.0, 98.0, 97.0])
         assert (data.wall_position.values[:, 1] == 0.0).all()
+        assert (data.wall_position.units, data.wall_normal_stress.units) == ("m", "Pa")
         assert (data.wall_normal_stress.values[-1] == model.wall_stress()).all()
         assert (data.wall_normal_stress.values[-1] > 0).all()
 

@@ -388,6 +388,12 @@ def test_weights_agree_with_those_of_yac_on_the_same_grids(pair, word, tmp_path)
 # ---- files and faults -------------------------------------------------------------------------
 
 
+def test_grids_that_differ_along_one_axis_or_in_their_mask_have_checksums_of_their_own():
+    grids = [Grid.uniform((x, x + 4), (y, y + 4), 1) for x, y in ((0, 0), (2, 0), (0, 2))]
+    grids.append(grids[0].with_wet(np.arange(16) > 0))
+    assert len({checksum(grid) for grid in grids}) == 4
+
+
 def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
     import netCDF4
 
@@ -409,6 +415,12 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
     with netCDF4.Dataset(path) as file:  # what ESMF's readers expect
         sums = np.bincount(file["row"][:] - 1, file["S"][:], minlength=target.size)
         np.testing.assert_allclose(sums, file["frac_b"][:], atol=1e-14)
+        common = file["S"][:] * target.area[file["row"][:] - 1]
+        share = np.bincount(file["col"][:] - 1, common, minlength=source.size) / (
+            1.01 * source.area
+        )
+        np.testing.assert_allclose(file["frac_a"][:], share, atol=1e-14)
+        assert {file[name].units for name in ("area_a", "area_b", "overlap_area")} == {"m2"}
     with netCDF4.Dataset(tmp_path / "other.nc", "w") as file:
         file.title = "something else"
     with pytest.raises(InputError, match="not a file of overlap weights"):

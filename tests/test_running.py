@@ -24,7 +24,8 @@ from floebmi import (
     run,
 )
 from floebmi.output import load_restart
-from floebmi.running import duration_text
+from floebmi.running import Report, WallTime, duration_text
+from floebmi.state import Counters
 from floebmi.validate import hexagonal_pack
 
 BOX = Domain((0.0, 1000.0), (0.0, 1000.0))
@@ -299,6 +300,18 @@ def test_the_report_and_its_profile_say_what_was_done():
     assert "renewals of the pair list" in report.profile()
     energy = report.ledger.balance("energy")
     assert energy.relative < 1e-3
+
+
+def test_the_speed_is_that_after_the_first_exchange_and_the_profile_adds_up():
+    wall = WallTime(forcing=1.0, ice=9.0, output=2.0, first=5.0, total=20.0)
+    counters = Counters(steps=50, floe_steps=5000, rebuilds=5, pairs=10_000)
+    report = Report(True, 0.0, 60.0, wall, 5000, 1000, counters, None, ())
+    assert report.speed == 4000 / 4.0
+    rows = {line[:28].strip(): line[28:].split() for line in report.profile().splitlines()}
+    assert rows["rest"] == ["8.00", "s", "40%"]
+    assert rows["a floe-step, later on"] == ["1000000.0", "ns"]
+    assert rows["renewals of the pair list"] == ["5", "10", "steps", "each"]
+    assert rows["pairs listed"] == ["10000", "2.00", "per", "floe-step"]
 
 
 def test_a_scene_without_floes_runs_and_writes_files(tmp_path):

@@ -74,6 +74,15 @@ def test_linear_drag_lets_the_difference_decay_as_the_formula_says(make):
     assert abs(errors[1]) < 1e-3
 
 
+def test_quadratic_drag_goes_with_the_speed_of_the_one_slab_past_the_other(make):
+    """The difference, (0.3, -0.15) m/s at first, turns nowhere; its size follows d' = -C (1/H1 + 1/H2) d^2."""
+    ocean = make(0, 2.5e-3, CONFIG.replace("300.0", "10.0"))
+    ocean.update_until(8000.0)
+    left = [ocean.get_value_ptr(SURFACE[a])[0] - ocean.get_value_ptr(DEEP[a])[0] for a in (0, 1)]
+    slowed = 1 / (1 + 2.5e-3 * (1 / 5 + 1 / 20) * np.hypot(0.3, 0.15) * 8000)
+    assert left == pytest.approx([0.3 * slowed, -0.15 * slowed], rel=2e-3)
+
+
 def test_a_step_much_longer_than_the_drag_allows_still_ends_at_rest_with_each_other(make):
     ocean = make(100.0, 100.0)
     ocean.update_until(3000.0)

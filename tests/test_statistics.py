@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 from floebmi.errors import InputError
 from floebmi.experiments.statistics import fit_line, fit_survival, survival, timescale
@@ -39,6 +40,14 @@ def test_a_fit_that_forgets_the_runs_without_a_jam_is_far_too_short():
     assert forgetful < 0.3 * 40 * HOUR
 
 
+def test_the_interval_has_two_more_degrees_of_freedom_at_its_low_end_where_runs_were_cut_short():
+    """20 s that all runs flowed, two jams: quantiles of chi² with 4 and 6 degrees of freedom, from a table."""
+    all_jam = timescale([8.0, 12.0], [0.0, 0.0], [50.0, 50.0])
+    assert all_jam == pytest.approx((10.0, 40 / 11.1433, 40 / 0.484419), rel=1e-5)
+    two_cut = timescale([4.0, 6.0, np.nan, np.nan], np.zeros(4), [50.0, 50.0, 5.0, 5.0])
+    assert two_cut == pytest.approx((10.0, 40 / 14.4494, 40 / 0.484419), rel=1e-5)
+
+
 def test_without_a_jam_the_timescale_is_infinite_with_a_lower_bound():
     found = timescale([np.nan] * 20, [HOUR] * 20, [25 * HOUR] * 20)
     assert found.value == np.inf and found.high == np.inf
@@ -56,6 +65,15 @@ def test_the_fit_of_the_paper_recovers_the_timescale_when_all_jam():
     assert found.value == pytest.approx(5 * HOUR, rel=0.05)
     assert found.start == jam.min()
     assert 0 < found.deviation < 0.05 * found.value
+
+
+def test_the_deviation_of_the_fit_is_that_of_a_fit_of_the_timescale_itself():
+    jam = HOUR + np.array([500.0, 900.0, 1500.0, 2500.0, 4200.0, np.nan])
+    fit = fit_survival(jam)
+    since, share = jam[:5] - jam[0], 1 - np.arange(1, 6) / 6
+    found, covariance = curve_fit(lambda t, T: np.exp(-t / T), since, share, p0=[2000.0])
+    expected = found[0], np.sqrt(covariance[0, 0]), HOUR + 500.0
+    assert fit == pytest.approx(expected, rel=1e-4)
 
 
 def test_two_jams_are_too_few_for_a_fit():

@@ -1,6 +1,7 @@
 """Speed against accuracy: what is compared with what, and which setting is recommended."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from click.testing import CliRunner
 from floebmi import calibration, tradeoff
 from floebmi.cli import floebmi as command
 from floebmi.errors import InputError
-from floebmi.floes import Floes, without_small
+from floebmi.floes import COAST, Floes, without_small
+from floebmi.grid import Grid
 from floebmi.scene import read_scene
 
 SCENE = """
@@ -326,6 +328,11 @@ def test_a_calibration_is_kept_for_scenes_of_its_kind(tmp_path, monkeypatch):
     assert calibration.stored(other) is None
 
 
+def test_the_cost_of_a_run_is_that_of_its_steps_and_of_its_exchanges():
+    cost = calibration.Cost(floe_step=1e-8, exchange=1e-6)
+    assert cost.of(1000, exchanges=10, floes=50, cells=100) == pytest.approx(0.5e-3 + 1.5e-3)
+
+
 def test_a_calibration_does_not_run_beyond_the_end_of_its_scene(tmp_path, monkeypatch):
     """After it floes may have left, and steps of no floe cost nothing."""
     monkeypatch.setattr(calibration, "MEASURED_FOR", 0.0)
@@ -334,3 +341,48 @@ def test_a_calibration_does_not_run_beyond_the_end_of_its_scene(tmp_path, monkey
         built = read_scene(path).build()
         calibration.measure(built, duration)
         assert (built.model.time <= 60.0) == (duration is not None)
+
+
+def test_the_inertia_number_is_that_of_the_ice_in_cells_that_have_some():
+    """I = γ̇ d √(ρ/N): the coast, much thicker than the ice, is no part of it, nor are floes that have left."""
+    floes = Floes([5.0, 25.0, 35.0, 60.0], 5.0, [10.0, 30.0, 1.0, 9.0], [2.0, 2.0, 9.0, 4.0], motion=[0, 0, COAST, 0])  # fmt: skip
+    floes.active[3] = False
+    model = SimpleNamespace(floes=floes, ice_density=900.0)
+    grid = Grid.uniform((0.0, 40.0), (0.0, 40.0), shape=(4, 4))
+    u = np.array([0.01 * grid.x + 0.02 * grid.y, 0.005 * grid.x - 0.01 * grid.y])
+    area, stress = np.full(16, 0.8), np.full(16, 600.0)
+    area[0], stress[0] = 0.1, 1e6  # hardly any ice
+    frames = {
+        "area_fraction": np.array([area, area]),
+        "velocity": np.array([900.0 * 2.0 * area * k * u for k in (0.5, 1.5)]),
+        "stress": np.array([0.5 * stress, 1.5 * stress]),
+    }
+    rate, diameter, normal = np.hypot(0.02, 0.025), 40.0, 300.0
+    expected = rate * diameter * np.sqrt(900.0 / normal)
+    assert tradeoff._inertia_number(model, grid, frames) == pytest.approx(expected)
+
+
+def test_the_way_of_the_ice_is_a_mean_by_mass_across_the_seam_of_floes_that_stay():
+    before = Floes(
+        [95.0, 50.0, 20.0, 70.0], 0.0, [1.0, 2.0, 4.0, 4.0], 1.0, motion=[0, 0, 0, COAST]
+    )
+    now = before.copy()
+    now.x[:], now.y[:] = [5.0, 54.0, 99.0, 70.0], [-2.0, 3.0, 0.0, 0.0]
+    now.active[2] = False
+    now.add(80.0, 80.0, 9.0, 1.0)
+    model = SimpleNamespace(
+        floes=now, ice_density=900.0, domain=SimpleNamespace(period=(100.0, None))
+    )
+    assert tradeoff._way(model, before) == pytest.approx([(10 + 4 * 4) / 5, (-2 + 4 * 3) / 5])
+
+
+def test_an_error_is_relative_to_the_reference_and_its_noise_the_standard_error_over_seeds():
+    def runs(*values):
+        return xr.DataArray(np.array(values, float), dims=("seed", "frame", "cell"))
+
+    reference = runs([[3.0, 4.0]], [[6.0, 8.0]])
+    away = reference + runs([[0.3, 0.4]], [[0.0, 1.0]])
+    assert tradeoff._pointwise(away, reference).values == pytest.approx([0.1, 0.1])
+    ten = runs([[10.0], [10.0]], [[10.0], [10.0]], [[10.0], [10.0]])
+    means = tradeoff._of_means(ten + runs([[1.0], [1.0]], [[0.0], [4.0]], [[3.0], [3.0]]), ten)
+    assert means == pytest.approx((0.2, 1.0 / np.sqrt(3) / 10))  # differences of 1, 2 and 3

@@ -134,6 +134,12 @@ def test_a_turn_keeps_magnitude_and_work_and_turns_back(seed):
     np.testing.assert_allclose(turn(ux, uy, -angle), (u, v), atol=1e-14)
 
 
+def test_the_axes_of_a_skewed_cell_are_shared_out_between_its_two_directions():
+    """Rows along x, columns at 45 degrees: the nearest turn is that by atan2(-1, 2)."""
+    i, j = np.meshgrid(np.arange(3.0), np.arange(3.0))
+    assert axis_angle(Grid.curvilinear(i + j, j)) == pytest.approx(np.full(4, np.arctan2(-1, 2)))
+
+
 def test_the_axes_of_a_grid_turned_as_a_whole_stand_at_that_angle():
     grid = GRIDS["rectilinear"]
     x, y = np.meshgrid(grid.x_edges, grid.y_edges)
