@@ -16,7 +16,7 @@ Basic Model Interface, wherever it runs, gives it a stress in one cell of its ow
 
 Cells whose velocity is not finite are land.  A host without a BMI can be wrapped in the few functions that are called
 here: initialize, update, finalize, get_input_var_names, get_output_var_names, get_var_units, get_var_grid,
-get_grid_size, get_grid_shape, get_time_step, get_time_units, get_value, set_value.
+get_grid_type, get_grid_rank, get_grid_size, get_grid_shape, get_time_step, get_time_units, get_value, set_value.
 """
 
 import argparse
@@ -32,6 +32,7 @@ from bmipy import Bmi
 
 from floebmi.bmi import FloeBmi
 from floebmi.errors import InputError, choose
+from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
     import cf_units
@@ -127,6 +128,8 @@ def check_host(
     InputError
         for a name that the host does not have, or a host that cannot be pushed.
     """
+    if not (is_number(density) and density > 0):
+        raise InputError(f"density = {density!r} kg m-3: must be greater than 0")
     answers = []
     host = _started(make, config)
     inputs = host.get_input_var_names()
@@ -306,7 +309,8 @@ class _Trial(NamedTuple):
                     f"host: {name} has {size} values, the stress {self.shape[0]} × {self.shape[1]}: for a one-cell"
                     " test both must be on the same cells"
                 )
-            values = host.get_value(name, np.empty(size))
+            values = np.full(size, np.nan)  # a host that leaves this as it is has set nothing
+            host.get_value(name, values)
             found.append(
                 _unit(host.get_var_units(name)).convert(values, "m s-1").reshape(self.shape)
             )
@@ -319,10 +323,10 @@ def _started(make: Callable[[], Bmi], config: str) -> Bmi:
     return host
 
 
-def _unit(text: str) -> "cf_units.Unit":
+def _unit(text: str | None) -> "cf_units.Unit":
     import cf_units
 
-    return cf_units.Unit(text.split(" since ")[0])
+    return cf_units.Unit((text or "").split(" since ")[0])
 
 
 def _units(host: Bmi, name: str, right: str) -> Answer:
@@ -338,6 +342,11 @@ def _units(host: Bmi, name: str, right: str) -> Answer:
 
 def _shape(host: Bmi, name: str) -> tuple[int, int]:
     grid = host.get_var_grid(name)
+    kind, rank = host.get_grid_type(grid), host.get_grid_rank(grid)
+    if kind not in ("uniform_rectilinear", "rectilinear", "structured_quadrilateral") or rank != 2:
+        raise InputError(
+            f"host: grid {grid} is of type {kind!r} and rank {rank}: needs rows and columns to push a cell of them"
+        )
     rows, columns = (int(n) for n in host.get_grid_shape(grid, np.empty(2, np.int32)))
     if min(rows, columns) < 3:
         raise InputError(
@@ -384,6 +393,12 @@ def main(words: Sequence[str] | None = None) -> int:
             )
     except InputError as error:
         print(f"floebmi.bmi_check: {error}", file=sys.stderr)
+        return 2
+    except Exception as error:  # noqa: BLE001  whatever a host raises
+        text = (str(error).splitlines() or [""])[0]
+        print(
+            f"floebmi.bmi_check: the host failed: {type(error).__name__}: {text}", file=sys.stderr
+        )
         return 2
     for answer in answers:
         print(f"{'ok   ' if answer.passed else 'WRONG'} {answer.what}: {answer.text}")

@@ -109,6 +109,23 @@ class Bursts(TwoSlabOcean):
         return dest
 
 
+class Copies(TwoSlabOcean):
+    """Does not fill the caller's array, as `couple` needs it."""
+
+    def get_value(self, name, dest):
+        return self.get_value_ptr(name).copy()
+
+
+class Mesh(TwoSlabOcean):
+    def get_grid_type(self, grid):
+        return "unstructured"
+
+
+class Dies(TwoSlabOcean):
+    def update(self):
+        raise RuntimeError("CFL violated\nand told a long story")
+
+
 class Minutes(TwoSlabOcean):
     def get_time_units(self):
         return "minutes since 2020-01-01"
@@ -193,7 +210,7 @@ def test_each_mistake_is_named(config):
     assert wrong(Knots, config) == [f"units of {STRESS[0]}"]
     assert wrong(Upturned, config) == ["staggering along x", "staggering along y"]
     assert wrong(Garbage, config) == ["repeats"]
-    assert wrong(Dry, config) == ["repeats"]
+    assert wrong(Dry, config) == wrong(Copies, config) == ["repeats"]
     assert wrong(Bursts, config) == ["axes, push along x", "axes, push along y"]
     late = [answer for answer in check_host(Late, config) if not answer.passed]
     assert [answer.what for answer in late] == ["sign along x", "sign along y"]
@@ -230,10 +247,15 @@ def test_the_command_answers_in_lines_and_with_its_exit_code(config, capsys):
     assert (
         bmi_check.main(["coupling.slab:TwoSlabOcean", config, "--velocity", "u", VELOCITY[1]]) == 2
     )
+    assert bmi_check.main([f"{__name__}:Mesh", config]) == 2
+    assert bmi_check.main([f"{__name__}:Dies", config]) == 2
+    assert bmi_check.main([f"{__name__}:Turned", config, "--density", "0"]) == 2
     told = capsys.readouterr()
     assert all(line.startswith(("ok", "WRONG")) for line in told.out.splitlines())
     errors = told.err.splitlines()
-    assert len(errors) == 2 and all(line.startswith("floebmi.bmi_check: ") for line in errors)
+    assert "'unstructured' and rank" in errors[2]
+    assert errors[3].endswith("the host failed: RuntimeError: CFL violated")
+    assert len(errors) == 5 and all(line.startswith("floebmi.bmi_check: ") for line in errors)
 
 
 def test_a_name_that_is_not_there_is_refused(config):
