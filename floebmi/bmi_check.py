@@ -14,7 +14,8 @@ Basic Model Interface, wherever it runs, gives it a stress in one cell of its ow
     staggering the velocity changes where the stress is, not half a cell beside it, nor in a mirrored row or column
     per        a host that takes the ice fraction, too: whether it multiplies by it, as the name of its stress says
 
-Cells whose velocity is not finite are land.  A host without a BMI can be wrapped in the few functions that are called
+Cells whose velocity is not finite are land.  Where waves cross the basin in one of the host's steps, the response is
+theirs: it must be given a shorter step or a larger basin.  A host without a BMI can be wrapped in the few functions that are called
 here: initialize, update, finalize, get_input_var_names, get_output_var_names, get_var_units, get_var_grid,
 get_grid_type, get_grid_rank, get_grid_size, get_grid_shape, get_time_step, get_time_units, get_value, set_value.
 """
