@@ -483,6 +483,22 @@ def test_momentum_closes_on_every_grid_with_land(kind, sampling):
     assert all(np.isfinite(values).all() for values in fields.values())
 
 
+def test_a_floe_that_touches_no_wet_cell_has_no_drag_and_leaves_nothing_undelivered():
+    grid = Grid.uniform((-60.0, 60.0), (-60.0, 60.0), shape=(4, 4), wet=np.tile([1, 1, 0, 0], 4))
+    floes = Floes([-30.0, 30.0, -80.0, 0.0], [0.0, 0.0, 0.0, 30.0], 5.0, 1.0, u=0.5)
+    model = Model(
+        DOMAIN, floes, contact=frictional(), forces=[OceanDrag(), AirDrag()], grid=grid,
+        atmosphere_grid=Grid.uniform((-60.0, 60.0), (-60.0, 60.0), shape=(1, 1)),
+    )  # fmt: skip
+    model.atmosphere.u[:], model.atmosphere.v[:] = 0.5, 10.0
+    model.advance(20.0)
+    u, v = model.floes.u, model.floes.v
+    assert (u[[1, 2]] == 0.5).all()
+    assert (u[[0, 3]] < 0.5).all()
+    assert v[2] == 0.0 < v[1]  # the wind has no land, and no cell beyond its grid
+    assert not model.ocean.undelivered.any()
+
+
 def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
     model, other = pair(contact=Contact()), pair(contact=frictional())
     before = model.floes.x.copy()
