@@ -15,9 +15,10 @@ Basic Model Interface, wherever it runs, gives it a stress in one cell of its ow
     per        a host that takes the ice fraction, too: whether it multiplies by it, as the name of its stress says
 
 Cells whose velocity is not finite are land.  Where waves cross the basin in one of the host's steps, the response is
-theirs: it must be given a shorter step or a larger basin.  A host without a BMI can be wrapped in the few functions that are called
-here: initialize, update, finalize, get_input_var_names, get_output_var_names, get_var_units, get_var_grid,
-get_grid_type, get_grid_rank, get_grid_size, get_grid_shape, get_time_step, get_time_units, get_value, set_value.
+theirs: it must be given a shorter step or a larger basin.  A host without a BMI can be wrapped in the few functions
+that are called here: initialize, update, finalize, get_input_var_names, get_output_var_names, get_var_units,
+get_var_type, get_var_grid, get_grid_type, get_grid_rank, get_grid_size, get_grid_shape, get_time_step, get_time_units,
+get_value, set_value.
 """
 
 import argparse
@@ -279,7 +280,7 @@ class _Trial(NamedTuple):
         if self.fraction is not None:
             size = host.get_grid_size(host.get_var_grid(self.fraction))
             told = _unit("1").convert(share, _unit(host.get_var_units(self.fraction)))
-            host.set_value(self.fraction, np.full(size, told))
+            host.set_value(self.fraction, np.full(size, told, host.get_var_type(self.fraction)))
         self._set(host, axis, place)
         host.update()
         for _ in range(more):
@@ -299,7 +300,7 @@ class _Trial(NamedTuple):
             push = np.zeros(self.shape)
             if k == axis:
                 push[place] = _unit("Pa").convert(PUSH, _unit(host.get_var_units(name)))
-            host.set_value(name, push.ravel())
+            host.set_value(name, push.ravel().astype(host.get_var_type(name)))
 
     def _velocities(self, host: Bmi) -> np.ndarray:
         found = []
@@ -310,11 +311,11 @@ class _Trial(NamedTuple):
                     f"host: {name} has {size} values, the stress {self.shape[0]} × {self.shape[1]}: for a one-cell"
                     " test both must be on the same cells"
                 )
-            values = np.full(size, np.nan)  # a host that leaves this as it is has set nothing
+            # a host that leaves this as it is has set nothing
+            values = np.full(size, np.nan, host.get_var_type(name))
             host.get_value(name, values)
-            found.append(
-                _unit(host.get_var_units(name)).convert(values, "m s-1").reshape(self.shape)
-            )
+            told = _unit(host.get_var_units(name)).convert(values.astype(np.float64), "m s-1")
+            found.append(told.reshape(self.shape))
         return np.array(found)
 
 

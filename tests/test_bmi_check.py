@@ -134,6 +134,21 @@ class Minutes(TwoSlabOcean):
         return super().get_time_step() / 60.0
 
 
+class Single(TwoSlabOcean):
+    """In single precision, as a wrapper of Fortran that takes arrays of its own type alone."""
+
+    def get_var_type(self, name):
+        return "float32"
+
+    def get_value(self, name, dest):
+        assert dest.dtype == np.float32
+        return super().get_value(name, dest)
+
+    def set_value(self, name, src):
+        assert src.dtype == np.float32
+        super().set_value(name, src)
+
+
 class Shared(TwoSlabOcean):
     """Is told the ice fraction in percent, and multiplies the stress by a power of it."""
 
@@ -147,6 +162,9 @@ class Shared(TwoSlabOcean):
 
     def get_var_grid(self, name):
         return 0 if name == FRACTION else super().get_var_grid(self.known(name))
+
+    def get_var_type(self, name):
+        return "float64"
 
     def known(self, name):
         return STRESS[self.names.index(name)] if name in self.names else name
@@ -227,8 +245,8 @@ def test_who_multiplies_by_the_ice_fraction_must_be_as_the_name_of_the_stress_sa
         check_host(Once, config, fraction="ice")
 
 
-def test_land_without_numbers_and_a_clock_in_minutes_are_no_mistakes(config):
-    assert wrong(Coast, config) == []
+def test_land_without_numbers_single_precision_and_a_clock_in_minutes_are_no_mistakes(config):
+    assert wrong(Coast, config) == wrong(Single, config) == []
     assert wrong(Coast, config, cell=(1, 0)) == ["repeats"]
     with pytest.raises(InputError, match="cell = 5, 0: must be a row"):
         check_host(Coast, config, cell=(5, 0))
