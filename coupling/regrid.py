@@ -92,7 +92,8 @@ class Regrid:
     Raises
     ------
     InputError
-        for what are no grids, grids that do not meet, wet cells that lie on each other (a halo), areas of a wrong size, latitudes
+        for what are no grids, grids that do not meet, sources whose wet cells are smaller, all together, than a target cell that they meet (in
+        degrees or kilometres), wet cells that lie on each other (a halo), areas of a wrong size, latitudes
         beyond 90 degrees, a target that reaches more than 60 degrees from its middle (two rectilinear grids may),
         a radius that is not greater than 0.
 
@@ -134,6 +135,13 @@ class Regrid:
             raise InputError(
                 f"regrid: no wet cell of {source!r} meets a wet cell of {target!r}:"
                 " are both in the same plane and the same units?"
+            )
+        wet = drawn_area[source.wet]
+        smallest = target_area[self.overlap.indptr[1:] > self.overlap.indptr[:-1]].min()
+        if wet.size > 1 and target.wet.sum() > 1 and wet.sum() < smallest:
+            raise InputError(
+                f"regrid: all {wet.size} wet cells of {source!r} together are smaller than a cell of"
+                f" {target!r}: are both in the same plane and the same units?"
             )
         _refuse_doubles("target", "source", self.covered)
         _refuse_doubles("source", "target", overlap.sum(axis=0) / drawn_area)

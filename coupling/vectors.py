@@ -87,9 +87,15 @@ def axis_angle(grid: Grid) -> np.ndarray:
     Raises
     ------
     InputError
-        for a grid without rows and columns.
+        for a grid without rows and columns, or with j to the right of i (rows from north to south): a turn takes two
+        axes to x and y only if the second is to the left of the first.
     """
     _structured(grid)
+    if grid.face_nodes[0, 1] != grid.face_nodes[0, 0] + 1:
+        raise InputError(
+            f"{grid!r}: j is to the right of i, as where rows run from north to south: no turn takes both axes to"
+            " x and y; reverse the rows of the grid and of its fields"
+        )
     x, y = grid.corner_x, grid.corner_y  # counter-clockwise from the south-west
     ix, iy = x[:, 1] + x[:, 2] - x[:, 0] - x[:, 3], y[:, 1] + y[:, 2] - y[:, 0] - y[:, 3]
     jx, jy = x[:, 2] + x[:, 3] - x[:, 0] - x[:, 1], y[:, 2] + y[:, 3] - y[:, 0] - y[:, 1]

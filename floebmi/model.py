@@ -94,6 +94,7 @@ from floebmi.quantities import (
 from floebmi.sampling import (
     Coverage,
     Weights,
+    check_images,
     coverage,
     floe_weights,
     gather_each,
@@ -343,6 +344,8 @@ class Model:
             self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
         if AirDrag in kinds:
             self.atmosphere = Fluid(atmosphere_grid or self.grid)
+        for seen in dict.fromkeys((self.grid, atmosphere_grid or self.grid)):
+            check_images(seen, domain.period)
         modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
         records = build_walls(domain, self.walls, floes, self.ice_density, modulus)
         if contact is None and len(records):

@@ -28,7 +28,7 @@ from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs, sort_in_space
 from floebmi.pairs import wrap
 from floebmi.quantities import FARTHEST, flat, is_number, number_in, unmasked
-from floebmi.sampling import check_period
+from floebmi.sampling import check_images
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
 SPARE = 0.002  # floes are pressed apart as if this much larger, so that in the end none overlap
@@ -210,7 +210,7 @@ def from_field(
             raise InputError(f"{name} of cell {cell} = {values[cell]}; {right}")
     rng = _generator(seed)
     fraction = np.where(grid.wet, fraction, 0.0)
-    check_period(grid, domain.period)
+    check_images(grid, domain.period)
     x, y = (
         (low - (length or 0.0), high + (length or 0.0))
         for (low, high), length in zip((domain.x, domain.y), domain.period, strict=True)

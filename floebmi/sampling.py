@@ -32,6 +32,7 @@ from floebmi.grid import Bins, Grid, bin_of, column
 from floebmi.kernels import BLOCK, IN_PLACE, in_place, jit
 
 Period = tuple[float | None, float | None]
+TWICE = 1e-3  # of a cell: less is round-off of corners in single precision
 
 ROUND_OFF = 1e-14  # an overlap below this times the disc's area is round-off, not ice
 
@@ -372,18 +373,63 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
     if len(period) != 2:
         raise InputError(f"period = {period}: must be (Lx, Ly), each a length [m] or None")
     west, east, south, north = grid.bounds
-    sides = [1.0, 1.0]
+    sides, wider = [1.0, 1.0], False
     for axis, (length, extent) in enumerate(zip(period, (east - west, north - south), strict=True)):
         if length is not None and not (math.isfinite(length) and length > 0):
             raise InputError(f"period = {period}: must be (Lx, Ly), each a length [m] or None")
         sides[axis] = extent if length is None else length
-    # By area, since the seam of a curvilinear or unstructured grid need not be straight.
-    if period != (None, None) and grid.total_area > sides[0] * sides[1] * (1 + 1e-9):
+        wider |= extent > sides[axis] * (1 + 1e-9)
+    if grid.x_edges is None:
+        # By area, since the seam of a curvilinear or unstructured grid need not be straight; see `check_images`.
+        wider = grid.total_area > sides[0] * sides[1] * (1 + 1e-9)
+    if period != (None, None) and wider:
         raise InputError(
             f"period = {period} is shorter than the grid ({east - west:g} × {north - south:g} m):"
             " a floe would be seen by two cells at one place"
         )
     return float(period[0] or 0.0), float(period[1] or 0.0)
+
+
+def check_images(grid: Grid, period: Period) -> None:
+    """Refuse a grid that lies on itself across a period, if only with a corner: its floes would count twice there.
+
+    What `check_period` does not see of cells of any shape; takes milliseconds for a grid, so once for a model.
+
+    Raises
+    ------
+    InputError
+        as `check_period`, and with the first cell that an image of another covers.
+    """
+    lengths = check_period(grid, period)
+    if grid.x_edges is not None:
+        return
+    import shapely
+
+    x, y = grid.corner_x, grid.corner_y
+    west, east, south, north = grid.bounds
+    for along_x, along_y in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        dx, dy = along_x * lengths[0], along_y * lengths[1]
+        if (along_x and not lengths[0]) or (along_y and not lengths[1]):
+            continue
+        # cells where the image of the grid is, and the image of cells where the grid is
+        here, there = (
+            np.flatnonzero(
+                (x.max(1) > west + ix) & (x.min(1) < east + ix)
+                & (y.max(1) > south + iy) & (y.min(1) < north + iy)
+            )
+            for ix, iy in ((dx, dy), (-dx, -dy))
+        )  # fmt: skip
+        cells = shapely.polygons(np.stack([x[here], y[here]], axis=-1))
+        moved = shapely.polygons(np.stack([x[there] + dx, y[there] + dy], axis=-1))
+        one, other = shapely.STRtree(moved).query(cells)
+        both = shapely.area(shapely.intersection(cells[one], moved[other]))
+        for cell, pair in ((here, one), (there, other)):
+            twice = np.bincount(pair, both, cell.size) > TWICE * grid.area[cell]
+            if twice.any():
+                raise InputError(
+                    f"cell {cell[twice][0]} of {grid!r} lies on the grid's own image, a period = {period} away: a"
+                    " floe would be seen by two cells at one place"
+                )
 
 
 @jit

@@ -908,6 +908,95 @@ def test_with_walls_wind_and_rotation_of_the_earth_the_floes_books_still_close(o
     assert len(unfilled) == 2
 
 
+WIND = tuple(f"sea_surface_air_flowing__{a}_component_of_velocity" for a in "xy")
+ON_ICE = tuple(f"sea_ice_top_air_flowing__{a}_z_component_of_stress" for a in "xy")
+FROM_AIR = tuple(
+    f"sea_ice_top_air_flowing__domain_time_integral_of_{a}_z_component_of_stress" for a in "xy"
+)
+
+
+class OceanAndAir(TwoSlabOcean):
+    """Two hosts in one BMI, the air on cells of its own (grid 2, a given `Grid`) that it counts a tenth larger."""
+
+    cells = Grid.unstructured([-1e3, 9e3, 19e3], [0, 30e3, 0], [[0, 1, 2]])
+
+    def initialize(self, config):
+        super().initialize(config)
+        self.air = {name: np.array([5.0]) for name in WIND} | {name: np.zeros(1) for name in ON_ICE}
+        self.lost = np.zeros(2)
+
+    def get_input_var_names(self):
+        return (*super().get_input_var_names(), *ON_ICE)
+
+    def get_output_var_names(self):
+        return (*super().get_output_var_names(), *WIND)
+
+    def get_var_grid(self, name):
+        return 2 if name in WIND + ON_ICE else super().get_var_grid(name)
+
+    def get_var_type(self, name):
+        return "float64"
+
+    def get_var_location(self, name):
+        return "node"
+
+    def get_var_units(self, name):
+        return {**dict.fromkeys(WIND, "m s-1"), **dict.fromkeys(ON_ICE, "Pa")}.get(
+            name
+        ) or super().get_var_units(name)
+
+    def get_var_itemsize(self, name):
+        return 8
+
+    def get_var_nbytes(self, name):
+        return 8 if name in self.air else super().get_var_nbytes(name)
+
+    def get_grid_type(self, grid):
+        return "unstructured" if grid == 2 else super().get_grid_type(grid)
+
+    def get_grid_size(self, grid):
+        return 1 if grid == 2 else super().get_grid_size(grid)
+
+    def get_value(self, name, dest):
+        if name not in self.air:
+            return super().get_value(name, dest)
+        dest[:] = self.air[name]
+        return dest
+
+    def set_value(self, name, src):
+        if name in self.air:
+            self.air[name][:] = src
+        else:
+            super().set_value(name, src)
+
+    def update_until(self, time):
+        stress = np.ravel([self.air[name] for name in ON_ICE])
+        self.lost += 1.1 * self.cells.area * stress * (time - self.get_current_time())
+        for name, value in zip(WIND, stress, strict=True):
+            self.air[name] -= value  # so that the wind changes
+        super().update_until(time)
+
+
+def test_ocean_and_air_on_their_own_grids_are_one_host_and_each_gives_what_the_ice_got(
+    tmp_path, floes
+):
+    (tmp_path / "ocean.toml").write_text(OCEAN)
+    host = OceanAndAir()
+    host.initialize(str(tmp_path / "ocean.toml"))
+    text = FLOES.replace("[coriolis]", "[atmosphere.grid]\nshape = [2, 5]\n[coriolis]")
+    ice = floes(text.replace("velocity = [8.0, 0.0]\n", ""))
+    weights = Regrid(host.cells, bmi_grid(ice, WIND[0]), source_area=1.1 * host.cells.area)
+    ledger = couple(
+        host, ice, every=600.0, until=3600.0, host_grids={2: host.cells},
+        regrids={(2, ice.get_var_grid(WIND[0])): weights},
+    )  # fmt: skip
+    assert max(line.relative for line in ledger) < 1e-12
+    given = [ice.get_value(name, np.empty(1))[0] for name in FROM_AIR]
+    assert np.abs(given).min() > 1e9
+    np.testing.assert_allclose(host.lost, given, rtol=1e-12)
+    assert host.air[WIND[0]] < 5.0
+
+
 def test_cells_told_as_faces_give_the_same_ocean(ocean, floes):
     one, other = ocean(), ocean()
     couple(one, floes(), every=600.0, until=1800.0)

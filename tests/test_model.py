@@ -491,6 +491,51 @@ def test_momentum_closes_on_every_grid_with_land(kind, sampling):
     assert all(np.isfinite(values).all() for values in fields.values())
 
 
+def test_a_grid_that_meets_its_own_image_across_a_period_is_refused():
+    """Floes there had counted twice; the area of such a grid can be less than that of the domain."""
+    domain = DOMAIN._replace(west="periodic", east="periodic", south="periodic", north="periodic")
+    floes = Floes([-95.0], [0.0], 4.0, 1.0)
+    long = Grid.uniform((-140.0, 140.0), (-50.0, 50.0), spacing=10.0)
+    a, b = np.meshgrid(np.linspace(-0.5, 0.5, 17), np.linspace(-0.5, 0.5, 17))
+    x, y = a - b, a + b  # a square on its corner, 2 d wide
+    wavy = 200.0 * a + 30.0 * np.sin(6.0 * b), 200.0 * b
+    for grid, text in (
+        (long, "shorter than the grid"),
+        (Grid.curvilinear(110.0 * x, 110.0 * y), "cell .* lies on the grid's own image"),
+        (Grid.curvilinear(110.0 * x, 80.0 * y), "cell .* lies on the grid's own image"),
+    ):
+        with pytest.raises(InputError, match=text):
+            Model(domain, floes, forces=[OceanDrag()], grid=grid)
+        with pytest.raises(InputError, match=text):
+            Model(domain, floes, forces=[AirDrag()], atmosphere_grid=grid)
+        assert Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid).time == 0.0
+    for grid in (
+        Grid.curvilinear(100.0 * x, 100.0 * y),  # corner to corner
+        Grid.curvilinear(*wavy),  # a seam that is not straight
+        Grid.uniform((-140.0, 60.0), (-50.0, 50.0), spacing=10.0),
+    ):
+        model = Model(domain, floes, forces=[OceanDrag()], grid=grid)
+        fields = model.fields()
+        covered = ((fields["area_fraction"] + fields["overlap_fraction"]) * grid.area).sum()
+        assert 0 < covered <= floes.area.sum() * (1 + 1e-12)
+
+
+def test_a_floe_that_touches_no_wet_cell_has_no_drag_and_leaves_nothing_undelivered():
+    grid = Grid.uniform((-60.0, 60.0), (-60.0, 60.0), shape=(4, 4), wet=np.tile([1, 1, 0, 0], 4))
+    floes = Floes([-30.0, 30.0, -80.0, 0.0], [0.0, 0.0, 0.0, 30.0], 5.0, 1.0, u=0.5)
+    model = Model(
+        DOMAIN, floes, contact=frictional(), forces=[OceanDrag(), AirDrag()], grid=grid,
+        atmosphere_grid=Grid.uniform((-60.0, 60.0), (-60.0, 60.0), shape=(1, 1)),
+    )  # fmt: skip
+    model.atmosphere.u[:], model.atmosphere.v[:] = 0.5, 10.0
+    model.advance(20.0)
+    u, v = model.floes.u, model.floes.v
+    assert (u[[1, 2]] == 0.5).all()
+    assert (u[[0, 3]] < 0.5).all()
+    assert v[2] == 0.0 < v[1]  # the wind has no land, and no cell beyond its grid
+    assert not model.ocean.undelivered.any()
+
+
 def test_a_state_of_another_scene_is_refused_and_the_model_is_as_before():
     model, other = pair(contact=Contact()), pair(contact=frictional())
     before = model.floes.x.copy()

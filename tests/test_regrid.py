@@ -476,6 +476,7 @@ def test_what_cannot_be_used_is_refused_in_one_line():
         (lambda: Regrid(source, target, source_area=[1.0]), "1 values for"),
         (lambda: Regrid(source, target, source_area=-source.area), r"source_area\[0\]"),
         (lambda: Regrid(source, Grid.uniform((-9, -1), (0, 1), shape=(2, 2))), "meets"),
+        (lambda: Regrid(lonlat((4, 4), (0, 0.1, 0, 0.1)), target), "all 16 wet cells .* smaller than a cell"),
         (lambda: Regrid(source, target, "sphere"), "latitude"),
         (lambda: regrid.state(u), "nan on wet cell 17 of the source"),
         (lambda: regrid.state(u[:-1]), "cells of the source"),

@@ -187,6 +187,7 @@ GRID = GRIDS["uniform"]
         (lambda: Staggered(GRIDS["unstructured"], "u"), "rows and columns"),
         (lambda: axis_angle(GRIDS["unstructured"]), "rows and columns"),
         (lambda: axis_angle(None), "grid = None: must be a Grid"),
+        (lambda: axis_angle(Grid.curvilinear(*np.meshgrid([0, 1, 2], [2, 1, 0]))), "right of i"),
         (
             lambda: Staggered(GRID, "u").flux(np.zeros((16, 9))),
             r"cells has shape \(16, 9\): must be \(12, 12\)",
