@@ -151,8 +151,13 @@ def _fail(text: str, code: int) -> None:
 
 @contextlib.contextmanager
 def _warnings_in_one_line() -> Iterator[None]:
+    told = set()  # two fields of one file may give the same cause
+
     def show(message: Warning | str, category: type[Warning], *place: object) -> None:
-        click.echo(f"floebmi: warning: {' '.join(str(message).split())}", err=True)
+        line = " ".join(str(message).split())
+        if line not in told:
+            click.echo(f"floebmi: warning: {line}", err=True)
+        told.add(line)
 
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)

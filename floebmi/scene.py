@@ -11,6 +11,7 @@ import contextlib
 import math
 import os
 import shutil
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
@@ -312,6 +313,9 @@ class FromField(Group):
         "auto",
         description="what the file's thickness is the mean over: the ice, or the cell with its water",
     )
+    units: str | None = Field(
+        None, description="of the file's thickness, if it does not say or says it wrong"
+    )
     time: str | None = Field(
         None, description="date of the ice; else time.start, else the file's first record"
     )
@@ -325,6 +329,16 @@ class FromField(Group):
     file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     size: SizeTable = Field(description="size distribution, by number of floes")
     seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+
+    @model_validator(mode="after")
+    def _one_thickness(self) -> Self:
+        for name, of_file in (("thickness_of", self.thickness_of != "auto"), ("units", self.units)):
+            if isinstance(self.thickness, float) and of_file:
+                raise InputError(
+                    f"{name} is about a thickness in the file, not about thickness = {self.thickness:g} of all floes:"
+                    " leave one of the two out"
+                )
+        return self
 
 
 class FromFile(Group):
@@ -922,6 +936,8 @@ class Scene(Table):
             if grid is None:
                 raise InputError("arrangement = 'field' needs a [grid]")
             fraction, thickness = self._ice_fields(group, grid)
+            if not fraction[grid.wet].any():
+                warnings.warn(f"{group.file}: there is no ice in the wet cells", stacklevel=2)
             return packing.from_field(
                 grid, fraction, thickness, self._sizes(group.size), seed=seed, domain=domain,
                 land=land,
@@ -952,7 +968,7 @@ class Scene(Table):
         thickness = read_scalar(
             path, "thickness", grid, plane,
             variable=group.thickness, concentration=group.concentration,
-            thickness_of=group.thickness_of, **of_file,
+            thickness_of=group.thickness_of, units=group.units, **of_file,
         )  # fmt: skip
         return np.where(thickness > 0, fraction, 0.0), thickness
 
@@ -1104,6 +1120,11 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     InputError
         one line with file (or `--set`), table, key, value, and what is allowed.
     """
+    several = isinstance(overrides, Sequence) and not isinstance(overrides, str)
+    if not several or not all(isinstance(text, str) for text in overrides):
+        raise InputError(
+            f"overrides = {in_line(overrides)}: must be a list of texts, such as ['time.duration=3600']"
+        )
     path = find_scene(scene)
     if path.suffix not in _SUFFIXES:
         raise InputError(f"{path}: must end in {', '.join(_SUFFIXES)}")

@@ -386,6 +386,20 @@ def test_the_command_that_goes_on_ends_the_run_where_and_as_it_would_have_ended(
 # ---- explain, scene ---------------------------------------------------------------------------
 
 
+def test_one_warning_is_told_once(cli, tmp_path, monkeypatch):
+    copied = tmp_path / "mine.toml"
+    assert cli("scene", "labrador-sea", "--to", copied).exit_code == 0
+    data = tmp_path / "data" / "labsea_mitgcm_1979.nc"
+    with xr.open_dataset(data) as ice:
+        ice.load()
+    ice.siconc[:] = np.where(ice.siconc > 0, 1 + 1e-5, ice.siconc)
+    data.unlink()
+    ice.to_netcdf(data)
+    told = cli("explain", copied).stderr.splitlines()
+    assert sum("siconc: " in line and "are set to the bound" in line for line in told) == 1
+    assert len(told) == len(set(told))
+
+
 def test_explain_says_what_is_modelled_what_is_absent_and_what_it_costs(cli):
     result = cli("explain", "two-floes")
     assert result.exit_code == 0, result.output
