@@ -304,6 +304,11 @@ class VelocityFile:
         """The date of the first of several records; None if one holds always, or if times are no dates."""
         return self._clock.first_date
 
+    @property
+    def calendar(self) -> str | None:
+        """CF calendar of its dates; None if it has none."""
+        return self._clock.calendar
+
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,), linear between records; 0 where not covered.
 

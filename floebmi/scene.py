@@ -623,12 +623,18 @@ class Schedule(NamedTuple):
 
 
 class Built(NamedTuple):
-    """What a scene becomes: `run` takes these."""
+    """What a scene becomes: `run` takes these.
+
+    start : date of time 0, that of the scene or else of the first record of dated files; None if there is none
+    calendar : CF calendar of `start`
+    """
 
     model: "Model"
     ocean: "VelocitySource | None"
     atmosphere: "VelocitySource | None"
     land: list[np.ndarray]
+    start: str | None
+    calendar: str
 
 
 StepTable: Any = table_of(Step)
@@ -794,9 +800,8 @@ class Scene(Table):
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         with self.place("time"):
-            if self.time.start is None:
-                _check_same_begin(ocean, atmosphere)
-        return Built(model, ocean, atmosphere, land)
+            begin = self._begin(ocean, atmosphere)
+        return Built(model, ocean, atmosphere, land, *begin)
 
     def tilt_sea(self, model: "Model") -> None:
         """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
@@ -945,7 +950,10 @@ class Scene(Table):
         if isinstance(group, FromFile):
             path = self._file.parent / group.file
             plane = None if path.suffix.lower() == ".csv" else self.domain.projection
-            return packing.read_floes(path, group.thickness, plane)
+            floes = packing.read_floes(path, group.thickness, plane)
+            if not len(floes):
+                warnings.warn(f"{group.file}: there are no floes in it", stacklevel=2)
+            return floes
         return _listed(group.each)
 
     def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
@@ -971,6 +979,28 @@ class Scene(Table):
             thickness_of=group.thickness_of, units=group.units, **of_file,
         )  # fmt: skip
         return np.where(thickness > 0, fraction, 0.0), thickness
+
+    def _begin(
+        self, ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
+    ) -> tuple[str | None, str]:
+        """The date of time 0, and its calendar.
+
+        Without one in the scene, two dated files whose first records, each of which would be at time 0, are of other
+        dates are refused.
+        """
+        calendar = self.time.calendar or "standard"
+        if self.time.start is not None:
+            return self.time.start, calendar
+        currents, wind = (getattr(source, "first_date", None) for source in (ocean, atmosphere))
+        if None not in (currents, wind) and currents != wind:
+            raise InputError(
+                f"start is missing: the records of [ocean] begin at {currents}, those of [atmosphere] at {wind}, and both"
+                " would be time 0: say its date"
+            )
+        for source, first in ((ocean, currents), (atmosphere, wind)):
+            if first is not None:
+                return first, source.calendar
+        return None, calendar
 
     def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "VelocitySource | None":
         if table is None or fluid is None:
@@ -999,16 +1029,6 @@ class Scene(Table):
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
             calendar=self.time.calendar,
-        )
-
-
-def _check_same_begin(ocean: "VelocitySource | None", atmosphere: "VelocitySource | None") -> None:
-    """Refuse two dated files whose first records, each of which would be at time 0, are of other dates."""
-    currents, wind = (getattr(source, "first_date", None) for source in (ocean, atmosphere))
-    if None not in (currents, wind) and currents != wind:
-        raise InputError(
-            f"start is missing: the records of [ocean] begin at {currents}, those of [atmosphere] at {wind}, and both"
-            " would be time 0: say its date"
         )
 
 

@@ -669,8 +669,8 @@ def test_a_thickness_without_units_has_those_of_the_scene(write, sea, tmp_path):
     with xr.open_dataset(tmp_path / "sea.nc") as data:
         data.load()
     del data.hice.attrs["units"]
-    data.to_netcdf(tmp_path / "sea.nc")
-    ice = sea + ICE + "position = 'mapping'\n"
+    data.to_netcdf(tmp_path / "bare.nc")
+    ice = sea + ICE.replace("sea.nc", "bare.nc") + "position = 'mapping'\n"
     assert "it has no units; must be a length: m, km, cm (say which with units)" in refused(
         write(ice)
     )
@@ -679,20 +679,26 @@ def test_a_thickness_without_units_has_those_of_the_scene(write, sea, tmp_path):
     text = refused(write(ice + "units = 'cm'\nthickness = 1.5\n"))
     assert "units is about a thickness in the file, not about thickness = 1.5 of all floes" in text
     data.aice.attrs["units"] = "0-1"
-    data.to_netcdf(tmp_path / "sea.nc")
-    text = refused(write(ice))
+    data.to_netcdf(tmp_path / "odd.nc")
+    text = refused(write(ice.replace("bare.nc", "odd.nc")))
     assert "units = '0-1'; must be a fraction: 1 or % (put right its attribute units)" in text
 
 
-def test_a_field_without_ice_is_told(write, sea, tmp_path):
+def test_a_field_without_ice_and_a_file_without_floes_are_told(write, sea, tmp_path):
     import xarray as xr
 
+    (tmp_path / "none.csv").write_text("x,y,radius,thickness\n")
+    with pytest.warns(UserWarning, match="none.csv: there are no floes in it"):
+        read_scene(
+            write("[domain]\nx=[0,9]\ny=[0,9]\n[floes]\narrangement='file'\nfile='none.csv'\n")
+        ).build()
     with xr.open_dataset(tmp_path / "sea.nc") as data:
         data.load()
     data.aice[:] = 0.0
-    data.to_netcdf(tmp_path / "sea.nc")
-    with pytest.warns(UserWarning, match="sea.nc: there is no ice in the wet cells"):
-        built = read_scene(write(sea + ICE + "position = 'mapping'\n")).build()
+    data.to_netcdf(tmp_path / "open.nc")
+    ice = ICE.replace("sea.nc", "open.nc") + "position = 'mapping'\n"
+    with pytest.warns(UserWarning, match="open.nc: there is no ice in the wet cells"):
+        built = read_scene(write(sea + ice)).build()
     assert not len(built.model.floes)
 
 
