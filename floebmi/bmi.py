@@ -246,8 +246,8 @@ class _Running:
         scene, view = read_config(config_file)
         self.step = _exchange(scene)
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
-        self.start, self.calendar = scene.time.start, scene.time.calendar or "standard"
         built = scene.build()
+        self.start, self.calendar = built.start, built.calendar
         self.model: Model = built.model
         self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
         found = {"ocean": built.ocean, "atmosphere": built.atmosphere}

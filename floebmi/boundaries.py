@@ -106,7 +106,8 @@ class Wall(NamedTuple):
 class Inflow(NamedTuple):
     """New floes along an edge of the domain, each as soon as there is room for it; their mass is booked.
 
-    A new floe touches the edge from inside, at a random free place.
+    A new floe touches the edge from inside, at a random free place.  Of land a model knows the floes of the shore alone, and
+    what lies behind them is free to it: keep `span` off land (a scene, which has its polygons, refuses it).
     Room is looked for when an exchange begins and, in a long one, again whenever floes have strayed by a tenth of the
     smallest radius or so.
 

@@ -151,8 +151,13 @@ def _fail(text: str, code: int) -> None:
 
 @contextlib.contextmanager
 def _warnings_in_one_line() -> Iterator[None]:
+    told = set()  # two fields of one file may give the same cause
+
     def show(message: Warning | str, category: type[Warning], *place: object) -> None:
-        click.echo(f"floebmi: warning: {' '.join(str(message).split())}", err=True)
+        line = " ".join(str(message).split())
+        if line not in told:
+            click.echo(f"floebmi: warning: {line}", err=True)
+        told.add(line)
 
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
@@ -253,7 +258,7 @@ def run(
     if state is not None:
         with _of(f"--restart {restart}"):
             model.restore(state)
-            refuse_other_start(read.time.start, read.time.calendar, told)
+            refuse_other_start(built.start, built.calendar, told)
         read.tilt_sea(model)
     left = schedule.duration - model.time
     if left <= 0:
@@ -272,7 +277,7 @@ def run(
         exchange=schedule.exchange, every=schedule.every,
         gridded=gridded, trajectories=trajectories, restart=last_state,
         attributes={"title": read.title or read.name, "scene": read.text},
-        reference=read.time.start, calendar=read.time.calendar or "standard",
+        reference=built.start, calendar=built.calendar,
         projection=read.domain.projection, land=built.land,
         overwrite=force, progress=not quiet,
     )  # fmt: skip

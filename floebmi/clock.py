@@ -102,8 +102,7 @@ class Clock:
             )
 
     def _check_calendar(self, wanted: Calendar | None, where: str) -> None:
-        kind = self._dates.dtype.kind
-        own = "standard" if kind == "M" else self._dates[0].calendar if kind == "O" else None
+        own = self.calendar
         if None not in (own, wanted) and not same_calendar(own, wanted):
             raise InputError(
                 f"{where}: its dates are of the calendar {own!r}, but calendar = {wanted!r}: must be the same;"
@@ -133,6 +132,12 @@ class Clock:
         if self.seconds is None or self.seconds.size == 1 or self.beyond_span != "error":
             return None
         return float(self.seconds[0]), float(self.seconds[-1])
+
+    @property
+    def calendar(self) -> str | None:
+        """CF calendar of the dates; None for a field without time, and for times that are no dates."""
+        kind = None if self._dates is None else self._dates.dtype.kind
+        return "standard" if kind == "M" else self._dates[0].calendar if kind == "O" else None
 
     @property
     def first_date(self) -> str | None:

@@ -108,7 +108,10 @@ def open_files(path: Source) -> list[File]:
         raise InputError(
             f"path = {in_line(path)}: must be a file, several, or a data set of xarray"
         )
-    return [_open(one) for one in path]
+    files = [_open(one) for one in path]
+    if not files:
+        raise InputError("path = []: must be a file, several, or a data set of xarray")
+    return files
 
 
 def _open(path: str | os.PathLike | xr.Dataset) -> File:
@@ -431,6 +434,7 @@ DURATIONS = {
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _KNOTS = {"kt", "kts", "kn", "knot", "knots"}
+IN_FILE = "put right its attribute units"  # where no option says it
 _FRACTIONS = {"": 1.0, "1": 1.0, "fraction": 1.0, "%": 0.01, "percent": 0.01, "1e-2": 0.01}
 
 
@@ -450,17 +454,17 @@ def velocity_factor(units: str | None, where: str) -> float:
     raise InputError(_unknown(units, where, "a velocity: m s-1, cm s-1, km h-1, knots"))
 
 
-def length_factor(units: str | None, where: str) -> float:
+def length_factor(units: str | None, where: str, remedy: str = "say which with units") -> float:
     """Factor from `units` to m."""
     if _words(units) not in LENGTHS:
-        raise InputError(_unknown(units, where, "a length: m, km, cm"))
+        raise InputError(_unknown(units, where, "a length: m, km, cm", remedy))
     return LENGTHS[_words(units)]
 
 
 def fraction_factor(units: str | None, where: str) -> float:
     """Factor from `units` to 1; no units at all is 1."""
     if _words(units) not in _FRACTIONS:
-        raise InputError(_unknown(units, where, "a fraction: 1 or %"))
+        raise InputError(_unknown(units, where, "a fraction: 1 or %", IN_FILE))
     return _FRACTIONS[_words(units)]
 
 
@@ -469,6 +473,8 @@ def is_percent(units: str | None) -> bool:
     return _FRACTIONS.get(_words(units)) == 0.01
 
 
-def _unknown(units: str | None, where: str, right: str) -> str:
+def _unknown(
+    units: str | None, where: str, right: str, remedy: str = "say which with units"
+) -> str:
     said = "it has no units" if units is None else f"units = {units!r}"
-    return f"{where}: {said}; must be {right} (say which with units)"
+    return f"{where}: {said}; must be {right} ({remedy})"

@@ -11,6 +11,7 @@ are one sparse complex matrix M, and every record costs one product, z_cells = M
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal, Protocol, final
@@ -146,13 +147,19 @@ class Function:
     Raises
     ------
     InputError
-        for what is no grid; from `fill`, if a function returns another shape or a value that is not finite.
+        for what is no grid, and a function of other arguments; from `fill`, if a function returns another shape or a value
+        that is not finite.
     """
 
     span = None
 
     def __init__(self, u: Velocity | float, v: Velocity | float, grid: Grid) -> None:
         check_grid("grid", grid)
+        for name, given in (("u", u), ("v", v)):
+            if callable(given) and not _takes_three(given):
+                raise InputError(
+                    f"Function {name}{inspect.signature(given)}: must take x, y [m] and t [s]"
+                )
         self.u, self.v, self.grid = u, v, grid
         self._x, self._y = grid.x, grid.y
 
@@ -296,6 +303,11 @@ class VelocityFile:
     def first_date(self) -> str | None:
         """The date of the first of several records; None if one holds always, or if times are no dates."""
         return self._clock.first_date
+
+    @property
+    def calendar(self) -> str | None:
+        """CF calendar of its dates; None if it has none."""
+        return self._clock.calendar
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,), linear between records; 0 where not covered.
@@ -447,6 +459,17 @@ class VelocityFile:
         land = self._mask.name if self._mask is not None else "NaN"
         cells = f"{int(self.covered.sum())} of {self.covered.size} cells{self._note}"
         return f"VelocityFile({self._text}; land by {land}; {cells}; {self._clock})"
+
+
+def _takes_three(function: Callable) -> bool:
+    """Whether it can be called with three arguments; true of what does not tell, as functions in C."""
+    try:
+        inspect.signature(function).bind(None, None, None)
+    except TypeError:
+        return False
+    except ValueError:
+        return True
+    return True
 
 
 def _among(name: str, value: object, allowed: Sequence[str] | dict) -> None:

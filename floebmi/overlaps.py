@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.boundaries import Domain, check_domain
+from floebmi.errors import InputError
 from floebmi.floes import Floes, check_floes
 from floebmi.neighbours import find_pairs
 from floebmi.pairs import wrap
+from floebmi.quantities import is_number
 
 
 class Overlap(NamedTuple):
@@ -37,11 +39,13 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
     Raises
     ------
     InputError
-        for what are no floes or no domain, values that no floe may have, and a period so short that two floes
-        could meet on both sides, or a lone floe itself.
+        for what are no floes or no domain, values that no floe may have, an `allowed` that is no number, and a period
+        so short that two floes could meet on both sides, or a lone floe itself.
     """
     check_domain(domain)
     check_floes(floes)
+    if not is_number(allowed):
+        raise InputError(f"allowed = {allowed!r}: must be a finite number [1]")
     number = np.flatnonzero(floes.active)
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]
     pairs = find_pairs(x, y, r, domain.period)

@@ -169,7 +169,7 @@ def from_field(
     -----
     IceNotPlaced
         with the area that was left out because of `max_concentration`, and that of floes that found
-        no room.
+        no room, or that of less than half a floe.
 
     Returns
     -------
@@ -233,6 +233,7 @@ def from_field(
         for area, why in (
             (capped, f"above max_concentration = {max_concentration:g}"),
             (lost, f"in {np.count_nonzero(left)} floes that found no room"),
+            (0.0 if radius.size else float(ice.sum()), "less than half a floe"),
         )
         if area > 1e-9 * wanted
     ]

@@ -17,6 +17,7 @@ import numpy as np
 from floebmi.errors import InputError, choose
 from floebmi.fields import (
     COORDINATES,
+    IN_FILE,
     Box,
     File,
     coordinate,
@@ -388,7 +389,7 @@ def _needed(projection: str | None, where: str, lon: np.ndarray, lat: np.ndarray
 
 def _metres(file: File, name: str, array: xr.DataArray) -> np.ndarray:
     units = array.attrs.get("units")
-    factor = 1.0 if units is None else length_factor(units, f"{file.label}: {name}")
+    factor = 1.0 if units is None else length_factor(units, f"{file.label}: {name}", IN_FILE)
     return _values(array) * factor
 
 

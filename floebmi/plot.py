@@ -1083,7 +1083,9 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
         moved = max(np.abs(accounts_of).max(initial=0.0), np.abs(gain).max())
         axes.plot(time, gain, color="0.75", lw=5.0, solid_capstyle="butt", label="gain of the ice")
         for a in np.flatnonzero(accounts_of.any(axis=0)):
-            axes.plot(time, accounts_of[:, a], label=accounts[a], color=LINES[a % len(LINES)])
+            dashes, color = divmod(int(a), len(LINES))
+            pen = {"color": LINES[color], "ls": ("-", "--", "-.")[dashes % 3]}
+            axes.plot(time, accounts_of[:, a], label=accounts[a], **pen)
         axes.plot(time, residual, color="black", ls=":", label="residual")
         if moved > 1e-12 * largest:
             share = np.abs(residual).max() / largest

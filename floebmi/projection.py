@@ -16,8 +16,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
+from floebmi.quantities import unmasked
 
 if TYPE_CHECKING:
     from pyproj import Proj
@@ -67,13 +69,15 @@ def to_plane(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Place on the plane [m] of longitude and latitude [degrees]; NaN where the plane has no such place.
 
+    One number may stand beside several.
+
     Raises
     ------
     InputError
-        for an unknown projection, or one that is no plane.
+        for an unknown projection, or one that is no plane, and for coordinates that are not of the same places.
     """
     proj, metre = _proj(projection)
-    x, y = proj(np.asarray(lon, float), np.asarray(lat, float))
+    x, y = proj(*_places(("lon", lon), ("lat", lat)))
     return _or_nan(np.multiply(x, metre)), _or_nan(np.multiply(y, metre))
 
 
@@ -82,8 +86,21 @@ def to_lonlat(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Longitude and latitude [degrees] of a place on the plane [m]; NaN where there is none.  Raises as `to_plane`."""
     proj, metre = _proj(projection)
-    lon, lat = proj(np.asarray(x, float) / metre, np.asarray(y, float) / metre, inverse=True)
+    x, y = _places(("x", x), ("y", y))
+    lon, lat = proj(x / metre, y / metre, inverse=True)
     return _or_nan(lon), _or_nan(lat)
+
+
+def _places(*named: tuple[str, ArrayLike]) -> tuple[np.ndarray, ...]:
+    """Coordinates as arrays of one shape; pyproj pairs any of one size, and takes what lies under a mask."""
+    values = [unmasked(coordinate) for _, coordinate in named]
+    try:
+        return np.broadcast_arrays(*values)
+    except ValueError:
+        shapes = " and ".join(
+            f"{name} {v.shape}" for (name, _), v in zip(named, values, strict=True)
+        )
+        raise InputError(f"{shapes}: must be of the same places") from None
 
 
 def _or_nan(values: np.ndarray) -> np.ndarray:
@@ -91,9 +108,13 @@ def _or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def east_in_plane(projection: str, lon: np.ndarray | float, lat: np.ndarray | float) -> np.ndarray:
-    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees].  Raises as `to_plane`."""
-    lat = np.clip(np.asarray(lat, float), -_NEAR_POLE, _NEAR_POLE)
-    lon = np.asarray(lon, float)
+    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees].
+
+    NaN where there is no such place.  Raises as `to_plane`.
+    """
+    lon, lat = _places(("lon", lon), ("lat", lat))
+    on_earth = np.where(np.abs(lat) <= 90.0, lat, np.nan)
+    lat = np.clip(on_earth, -_NEAR_POLE, _NEAR_POLE)
     step = np.degrees(_STEP / _EARTH_RADIUS)
 
     def plane(lon, lat):

@@ -11,6 +11,7 @@ import contextlib
 import math
 import os
 import shutil
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
@@ -312,6 +313,9 @@ class FromField(Group):
         "auto",
         description="what the file's thickness is the mean over: the ice, or the cell with its water",
     )
+    units: str | None = Field(
+        None, description="of the file's thickness, if it does not say or says it wrong"
+    )
     time: str | None = Field(
         None, description="date of the ice; else time.start, else the file's first record"
     )
@@ -325,6 +329,16 @@ class FromField(Group):
     file_projection: str | None = Field(None, description=_FILE_PROJECTION)
     size: SizeTable = Field(description="size distribution, by number of floes")
     seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+
+    @model_validator(mode="after")
+    def _one_thickness(self) -> Self:
+        for name, of_file in (("thickness_of", self.thickness_of != "auto"), ("units", self.units)):
+            if isinstance(self.thickness, float) and of_file:
+                raise InputError(
+                    f"{name} is about a thickness in the file, not about thickness = {self.thickness:g} of all floes:"
+                    " leave one of the two out"
+                )
+        return self
 
 
 class FromFile(Group):
@@ -609,12 +623,18 @@ class Schedule(NamedTuple):
 
 
 class Built(NamedTuple):
-    """What a scene becomes: `run` takes these."""
+    """What a scene becomes: `run` takes these.
+
+    start : date of time 0, that of the scene or else of the first record of dated files; None if there is none
+    calendar : CF calendar of `start`
+    """
 
     model: "Model"
     ocean: "VelocitySource | None"
     atmosphere: "VelocitySource | None"
     land: list[np.ndarray]
+    start: str | None
+    calendar: str
 
 
 StepTable: Any = table_of(Step)
@@ -780,9 +800,8 @@ class Scene(Table):
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         with self.place("time"):
-            if self.time.start is None:
-                _check_same_begin(ocean, atmosphere)
-        return Built(model, ocean, atmosphere, land)
+            begin = self._begin(ocean, atmosphere)
+        return Built(model, ocean, atmosphere, land, *begin)
 
     def tilt_sea(self, model: "Model") -> None:
         """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
@@ -922,6 +941,8 @@ class Scene(Table):
             if grid is None:
                 raise InputError("arrangement = 'field' needs a [grid]")
             fraction, thickness = self._ice_fields(group, grid)
+            if not fraction[grid.wet].any():
+                warnings.warn(f"{group.file}: there is no ice in the wet cells", stacklevel=2)
             return packing.from_field(
                 grid, fraction, thickness, self._sizes(group.size), seed=seed, domain=domain,
                 land=land,
@@ -929,7 +950,10 @@ class Scene(Table):
         if isinstance(group, FromFile):
             path = self._file.parent / group.file
             plane = None if path.suffix.lower() == ".csv" else self.domain.projection
-            return packing.read_floes(path, group.thickness, plane)
+            floes = packing.read_floes(path, group.thickness, plane)
+            if not len(floes):
+                warnings.warn(f"{group.file}: there are no floes in it", stacklevel=2)
+            return floes
         return _listed(group.each)
 
     def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
@@ -952,9 +976,31 @@ class Scene(Table):
         thickness = read_scalar(
             path, "thickness", grid, plane,
             variable=group.thickness, concentration=group.concentration,
-            thickness_of=group.thickness_of, **of_file,
+            thickness_of=group.thickness_of, units=group.units, **of_file,
         )  # fmt: skip
         return np.where(thickness > 0, fraction, 0.0), thickness
+
+    def _begin(
+        self, ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
+    ) -> tuple[str | None, str]:
+        """The date of time 0, and its calendar.
+
+        Without one in the scene, two dated files whose first records, each of which would be at time 0, are of other
+        dates are refused.
+        """
+        calendar = self.time.calendar or "standard"
+        if self.time.start is not None:
+            return self.time.start, calendar
+        currents, wind = (getattr(source, "first_date", None) for source in (ocean, atmosphere))
+        if None not in (currents, wind) and currents != wind:
+            raise InputError(
+                f"start is missing: the records of [ocean] begin at {currents}, those of [atmosphere] at {wind}, and both"
+                " would be time 0: say its date"
+            )
+        for source, first in ((ocean, currents), (atmosphere, wind)):
+            if first is not None:
+                return first, source.calendar
+        return None, calendar
 
     def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "VelocitySource | None":
         if table is None or fluid is None:
@@ -983,16 +1029,6 @@ class Scene(Table):
             file_projection=table.file_projection,
             beyond_span=table.beyond_span,
             calendar=self.time.calendar,
-        )
-
-
-def _check_same_begin(ocean: "VelocitySource | None", atmosphere: "VelocitySource | None") -> None:
-    """Refuse two dated files whose first records, each of which would be at time 0, are of other dates."""
-    currents, wind = (getattr(source, "first_date", None) for source in (ocean, atmosphere))
-    if None not in (currents, wind) and currents != wind:
-        raise InputError(
-            f"start is missing: the records of [ocean] begin at {currents}, those of [atmosphere] at {wind}, and both"
-            " would be time 0: say its date"
         )
 
 
@@ -1104,6 +1140,11 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     InputError
         one line with file (or `--set`), table, key, value, and what is allowed.
     """
+    several = isinstance(overrides, Sequence) and not isinstance(overrides, str)
+    if not several or not all(isinstance(text, str) for text in overrides):
+        raise InputError(
+            f"overrides = {in_line(overrides)}: must be a list of texts, such as ['time.duration=3600']"
+        )
     path = find_scene(scene)
     if path.suffix not in _SUFFIXES:
         raise InputError(f"{path}: must end in {', '.join(_SUFFIXES)}")

@@ -338,6 +338,32 @@ def test_a_restart_at_another_date_is_refused(cli, tmp_path, change, said):
     assert "[time] start = none, the restart's is 1980-01-01" in cli(*on, "--force").stderr
 
 
+def test_without_a_start_the_first_record_is_the_date_of_what_is_written_and_of_restarts(
+    cli, tmp_path
+):
+    times = xr.date_range("1980-02-27", periods=9, freq="D", calendar="noleap", use_cftime=True)
+    speed = {"units": "m s-1"}
+    series = xr.Dataset(
+        {"uo": ("time", 0.1 * np.arange(9), speed), "vo": ("time", np.zeros(9), speed)},
+        {"time": times},
+    )
+    series.to_netcdf(tmp_path / "sea.nc")
+    series.isel(time=slice(1, None)).to_netcdf(tmp_path / "next.nc")
+    scene = STARTED.replace("[ocean]", "[ocean]\nfile = 'sea.nc'")
+    (tmp_path / "a.toml").write_text(scene.replace('start = "1980-01-01"', ""))
+    assert cli("run", "a.toml", "--to", "first", "--quiet").exit_code == 0
+    with xr.open_dataset(tmp_path / "first" / "floes.nc", decode_times=False) as floes:
+        assert floes.time.units.startswith("seconds since 1980-02-27")
+        assert floes.time.calendar == "noleap" and "comment" not in floes.time.attrs
+    on = ["run", "a.toml", "--restart", "first/restart.nc", "--duration", 90, "--quiet", "--set"]
+    result = cli(*on, "ocean.file=next.nc")  # of the next day, whose current would hold now
+    assert result.exit_code == 2
+    assert (
+        "[time] start = 1980-02-28, the restart's is 1980-02-27; must be the same" in result.stderr
+    )
+    assert cli(*on, "ocean.file=sea.nc").exit_code == 0
+
+
 def test_at_a_restart_the_tilt_of_the_scene_holds(cli, tmp_path):
     (tmp_path / "a.toml").write_text(STARTED)
     assert cli("run", "a.toml", "--to", "first", "--quiet").exit_code == 0
@@ -384,6 +410,20 @@ def test_the_command_that_goes_on_ends_the_run_where_and_as_it_would_have_ended(
 
 
 # ---- explain, scene ---------------------------------------------------------------------------
+
+
+def test_one_warning_is_told_once(cli, tmp_path, monkeypatch):
+    copied = tmp_path / "mine.toml"
+    assert cli("scene", "labrador-sea", "--to", copied).exit_code == 0
+    data = tmp_path / "data" / "labsea_mitgcm_1979.nc"
+    with xr.open_dataset(data) as ice:
+        ice.load()
+    ice.siconc[:] = np.where(ice.siconc > 0, 1 + 1e-5, ice.siconc)
+    data.unlink()
+    ice.to_netcdf(data)
+    told = cli("explain", copied).stderr.splitlines()
+    assert sum("siconc: " in line and "are set to the bound" in line for line in told) == 1
+    assert len(told) == len(set(told))
 
 
 def test_explain_says_what_is_modelled_what_is_absent_and_what_it_costs(cli):

@@ -110,6 +110,13 @@ def test_a_function_that_returns_nonsense_is_named_with_time_and_cell(bad, word)
         velocity(Function(0.0, bad, grid), grid, 7.0)
 
 
+def test_a_function_of_other_arguments_is_refused():
+    with pytest.raises(InputError, match=r"^Function v\(x, y\): must take x, y \[m\] and t \[s\]$"):
+        Function(0.0, lambda x, y: x, square())
+    for fine in (lambda *a: 0.0, lambda x, y, t, k=1: 0.0, np.vectorize(lambda x, y, t: t)):
+        Function(fine, max, square())  # max does not tell its arguments
+
+
 # ------------------------------------------------------------------------------------------ directions
 
 
@@ -801,6 +808,8 @@ def test_a_file_that_is_not_there_or_not_a_grid_is_an_error_in_one_line(tmp_path
     saved(metres(0.1, 0.0), tmp_path)
     with pytest.raises(InputError, match="no such file; did you mean 'currents.nc'"):
         VelocityFile(tmp_path / "curents.nc", square())
+    with pytest.raises(InputError, match=r"^path = \[\]: must be a file, several"):
+        VelocityFile([], square())
     (tmp_path / "text.nc").write_text("not NetCDF")
     with pytest.raises(InputError, match="is no NetCDF file, or a damaged one$"):
         VelocityFile(tmp_path / "text.nc", square())

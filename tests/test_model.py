@@ -149,6 +149,9 @@ def test_floes_that_lie_over_each_other_are_refused_with_the_worst_pairs():
         Model(DOMAIN, floes, contact=Contact())
     Model(DOMAIN, floes)  # without contacts it does not matter
     assert [pair[:2] for pair in overlapping(floes, DOMAIN)] == [(0, 1)]
+    for allowed in ("a", np.nan, [0.1]):
+        with pytest.raises(InputError, match="^allowed = .*: must be a finite number"):
+            overlapping(floes, DOMAIN, allowed)
 
 
 def two_apart(u=0.0):

@@ -353,6 +353,12 @@ def test_ice_that_finds_no_room_is_left_out_with_a_warning():
     assert len(floes) > 3
 
 
+def test_less_ice_than_half_a_floe_is_left_out_with_a_warning():
+    grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
+    with pytest.warns(IceNotPlaced, match=r"64 m² \(100.00%\) less than half a floe"):
+        assert len(from_field(grid, 1e-6, 1.0, SingleSize(50.0))) == 0
+
+
 def test_a_domain_inside_the_grid_gets_only_its_own_ice():
     grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
     domain = Domain((1.5e3, 6.2e3), (0.7e3, 5.5e3))

@@ -236,6 +236,18 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     assert along_x.get_ylabel() == "momentum along x [N s]"
 
 
+def test_no_two_accounts_of_a_ledger_are_drawn_alike(run, tmp_path):
+    path = tmp_path / "floes.nc"
+    path.write_bytes(run[1].read_bytes())
+    with Dataset(path, "a") as data:
+        data["ledger_account"][:12] = np.array([f"account {k}" for k in range(12)], "U32")
+        rows = np.arange(float(len(data["time"])))[:, None, None]
+        data["ledger_gained"][:, :12, :] = np.broadcast_to(rows, (rows.size, 12, 4))
+    lines = draw.ledger(path).axes[1].lines
+    assert len(lines) == 14
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 14
+
+
 def test_a_ledger_says_what_has_not_changed_instead_of_showing_round_off(run, tmp_path):
     path = written(tmp_path, DOMAIN, Floes(5e3, 5e3, 500.0, 1.0, u=0.1))
     mass, along_x = draw.ledger(path).axes[:2]

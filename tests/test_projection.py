@@ -101,3 +101,15 @@ def test_what_is_no_plane_is_refused(bad, word):
 def test_a_box_of_wrong_latitudes_is_refused():
     with pytest.raises(InputError, match="south, north"):
         centred_projection((0, 10), (80, 70))
+
+
+def test_coordinates_are_of_the_same_places_and_what_is_masked_or_beyond_the_pole_is_nowhere():
+    lat = [80.0, 81.0]
+    for function in (to_plane, to_lonlat, east_in_plane):
+        one = np.array(function(NORTH, 10.0, lat))
+        np.testing.assert_array_equal(one, function(NORTH, [10.0, 10.0], lat))
+        with pytest.raises(InputError, match=r"\(3,\) and .* \(2,\): must be of the same places"):
+            function(NORTH, [0.0, 1.0, 2.0], lat)
+        masked = np.array(function(NORTH, np.ma.masked_greater([0.0, 99.0], 50.0), lat))
+        assert np.isnan(masked[..., 1]).all() and np.isfinite(masked[..., 0]).all()
+    assert np.isnan(east_in_plane(NORTH, 10.0, [90.1, -95.0])).all()

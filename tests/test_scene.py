@@ -663,6 +663,45 @@ def test_without_a_start_two_dated_files_must_begin_at_one_date(write, sea, tmp_
     assert built.atmosphere.span == (-86400.0, 86400.0)
 
 
+def test_a_thickness_without_units_has_those_of_the_scene(write, sea, tmp_path):
+    import xarray as xr
+
+    with xr.open_dataset(tmp_path / "sea.nc") as data:
+        data.load()
+    del data.hice.attrs["units"]
+    data.to_netcdf(tmp_path / "bare.nc")
+    ice = sea + ICE.replace("sea.nc", "bare.nc") + "position = 'mapping'\n"
+    assert "it has no units; must be a length: m, km, cm (say which with units)" in refused(
+        write(ice)
+    )
+    floes = read_scene(write(ice + "units = 'cm'\n")).build().model.floes
+    assert floes.thickness.max() == pytest.approx(0.01)
+    text = refused(write(ice + "units = 'cm'\nthickness = 1.5\n"))
+    assert "units is about a thickness in the file, not about thickness = 1.5 of all floes" in text
+    data.aice.attrs["units"] = "0-1"
+    data.to_netcdf(tmp_path / "odd.nc")
+    text = refused(write(ice.replace("bare.nc", "odd.nc")))
+    assert "units = '0-1'; must be a fraction: 1 or % (put right its attribute units)" in text
+
+
+def test_a_field_without_ice_and_a_file_without_floes_are_told(write, sea, tmp_path):
+    import xarray as xr
+
+    (tmp_path / "none.csv").write_text("x,y,radius,thickness\n")
+    with pytest.warns(UserWarning, match="none.csv: there are no floes in it"):
+        read_scene(
+            write("[domain]\nx=[0,9]\ny=[0,9]\n[floes]\narrangement='file'\nfile='none.csv'\n")
+        ).build()
+    with xr.open_dataset(tmp_path / "sea.nc") as data:
+        data.load()
+    data.aice[:] = 0.0
+    data.to_netcdf(tmp_path / "open.nc")
+    ice = ICE.replace("sea.nc", "open.nc") + "position = 'mapping'\n"
+    with pytest.warns(UserWarning, match="open.nc: there is no ice in the wet cells"):
+        built = read_scene(write(sea + ice)).build()
+    assert not len(built.model.floes)
+
+
 def test_what_lies_outside_a_file_is_an_error_or_what_the_scene_says(write, sea):
     wide = sea.replace("y = [-40e3, 40e3]", "y = [-80e3, 80e3]")
     ice, coast = (
@@ -803,3 +842,9 @@ def test_a_scene_tells_the_thickness_of_the_hosts_layer():
 def test_a_scene_of_a_wrong_kind_is_refused_in_one_line(scene):
     with pytest.raises(InputError, match="^scene = .*: must be the path of a file"):
         read_scene(scene)
+
+
+@pytest.mark.parametrize("overrides", [3, [3], "seed=3", {"seed": 3}])
+def test_overrides_of_a_wrong_kind_are_refused_in_one_line(overrides):
+    with pytest.raises(InputError, match="^overrides = .*: must be a list of texts"):
+        read_scene("two-floes", overrides)
