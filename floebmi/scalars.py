@@ -182,6 +182,14 @@ def read_scalar(
     return volume if quantity == "sea_ice_volume" else _over(found.label, volume, fraction)
 
 
+def begins(path: Source, concentration: str | None, select: dict[str, int] | None) -> str | None:
+    """The date of the first of several records of a file's ice concentration; None if it has no dates, or one record."""
+    found = find(
+        open_files(path), _CONCENTRATION, concentration and (concentration,), "concentration"
+    )
+    return Clock(field(*found.variables[0], select=select)).first_date
+
+
 def _over(label: str, volume: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Thickness of the ice [m], 0 where there is none."""
     thickness = np.divide(volume, area, out=np.zeros(len(area)), where=area >= _NO_ICE)

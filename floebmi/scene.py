@@ -725,6 +725,9 @@ class Scene(Table):
         check_intervals(every, exchange, f"{self._file}: [time] exchange")
         return Schedule(float(total), float(exchange), float(every))
 
+    def _place_of_group(self, k: int) -> contextlib.AbstractContextManager[None]:
+        return self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}")
+
     @contextlib.contextmanager
     def place(self, table: str) -> Iterator[None]:
         """What goes wrong inside is said with file and table."""
@@ -764,7 +767,7 @@ class Scene(Table):
         land = [] if coast is None else coast.polygons
         groups = []
         for k, group in enumerate(self.floes):
-            with self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}"):
+            with self._place_of_group(k):
                 groups.append(group.finish(self._arrange(group, k, domain, grid, coast)))
                 _check_inside(groups[-1], domain)
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
@@ -800,8 +803,10 @@ class Scene(Table):
         with self.place("atmosphere"):
             atmosphere = self._source(self.atmosphere, model.atmosphere)
         with self.place("time"):
-            begin = self._begin(ocean, atmosphere)
-        return Built(model, ocean, atmosphere, land, *begin)
+            start, calendar = self._begin(ocean, atmosphere)
+        if self.time.start is None and start is not None:
+            self._check_ice_begins(start)
+        return Built(model, ocean, atmosphere, land, start, calendar)
 
     def tilt_sea(self, model: "Model") -> None:
         """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
@@ -979,6 +984,21 @@ class Scene(Table):
             thickness_of=group.thickness_of, units=group.units, **of_file,
         )  # fmt: skip
         return np.where(thickness > 0, fraction, 0.0), thickness
+
+    def _check_ice_begins(self, start: str) -> None:
+        """Refuse ice of a file's first record, where that is of another date than the wind and current at time 0."""
+        from floebmi.scalars import begins
+
+        for k, group in enumerate(self.floes):
+            if not isinstance(group, FromField) or group.time is not None:
+                continue
+            with self._place_of_group(k):
+                ice = begins(self._file.parent / group.file, group.concentration, group.select)
+                if ice not in (None, start):
+                    raise InputError(
+                        f"time is missing: the records of {group.file} begin at {ice}, time 0 is {start}, the first record"
+                        " of wind or current: say the date of the ice, or [time] start"
+                    )
 
     def _begin(
         self, ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"

@@ -661,6 +661,13 @@ def test_without_a_start_two_dated_files_must_begin_at_one_date(write, sea, tmp_
     built = read_scene(write(text % "earlier"), ["time.start=2016-02-01"]).build()
     assert built.ocean.span == (0.0, 172800.0)
     assert built.atmosphere.span == (-86400.0, 86400.0)
+    drift = sea + ICE + place + f"[atmosphere]\nfile = '%s.nc'\n{place}"
+    said = refused(write(drift % "earlier"))
+    assert "[floes] time is missing: the records of sea.nc begin at 2016-02-01, time 0 is" in said
+    for fine in ("same", "always"):
+        read_scene(write(drift % fine)).build()
+    for told in ("floes.time=2016-02-02", "time.start=2016-02-01"):
+        read_scene(write(drift % "earlier"), [told]).build()
 
 
 def test_a_thickness_without_units_has_those_of_the_scene(write, sea, tmp_path):
