@@ -49,8 +49,8 @@ from typing import TYPE_CHECKING, Literal, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
+from floebmi.files import check_target, in_one_go, new_file
 from floebmi.grid import Grid, check_grid
-from floebmi.output import check_target, in_one_go, new_file
 from floebmi.projection import to_plane
 from floebmi.quantities import flat, is_number, unmasked
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import platformdirs
 
-from floebmi.output import in_one_go
+from floebmi.files import in_one_go
 from floebmi.running import Forcing
 
 if TYPE_CHECKING:

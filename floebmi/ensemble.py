@@ -28,7 +28,7 @@ import numpy as np
 
 from floebmi import __version__
 from floebmi.errors import InputError
-from floebmi.output import in_one_go
+from floebmi.files import in_one_go
 
 if TYPE_CHECKING:
     import distributed

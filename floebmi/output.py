@@ -32,6 +32,7 @@ import floebmi
 from floebmi.clock import date_of, text_of
 from floebmi.coast import land_geometry
 from floebmi.errors import InputError, choose
+from floebmi.files import check_target, disk_full_told, in_one_go, new_file
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND
 from floebmi.projection import check_projection, to_lonlat
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
@@ -66,69 +67,6 @@ class _Place(NamedTuple):
     attributes: dict[str, str]
 
 
-@contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """NetCDF says `HDF error` for a full disk: OSError with the file's name instead."""
-    try:
-        yield
-    except RuntimeError as error:
-        text = f"could not be written ({error}): is the disk full?"
-        raise OSError(errno.EIO, text, str(path)) from error
-
-
-@contextlib.contextmanager
-def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
-    """A name to write a file under, which takes its own name when it is whole.
-
-    Another process may be making the same file: it has a name of its own, and the second to be whole does not
-    replace the first unasked.  An OSError that names no file, or that name, gets the name of this one.
-    """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        if overwrite:
-            os.replace(part, path)
-        else:
-            _rename(part, path)
-    except OSError as error:
-        if error.errno is not None and error.filename in (None, part, str(part)):
-            error.filename = str(path)
-        raise
-    finally:
-        if part.exists():  # on a read-only disk to take away what is not there is an error, too
-            part.unlink()
-
-
-@contextlib.contextmanager
-def new_file(part: Path) -> Iterator["Dataset"]:
-    """A new NetCDF file to write.
-
-    NetCDF says `Permission denied` whatever it is that it cannot make a file for, a full disk for one; the system
-    says what is true.
-    """
-    from netCDF4 import Dataset
-
-    try:
-        data = Dataset(part, "w")
-    except OSError:
-        with open(part, "wb", buffering=0) as file:
-            file.write(bytes(4096))
-        raise
-    with data:
-        yield data
-
-
-def _rename(part: Path, path: Path) -> None:
-    """As os.replace, but a file that is there stays."""
-    try:
-        os.link(part, path)
-    except FileExistsError:
-        text = f"{path}: another run has made it meanwhile; choose another name"
-        raise InputError(text) from None
-    except OSError:  # a file system without links
-        os.replace(part, path)
-
-
 class _GrowingFile:
     """A NetCDF file that is whole after its first frame and after each further one."""
 
@@ -144,7 +82,7 @@ class _GrowingFile:
         """Close the file; nothing can be written afterwards."""
         data, self._data, self._closed = self._data, None, True
         if data is not None:
-            with _told(self.path):
+            with disk_full_told(self.path):
                 data.close()
 
     def _check_room(self) -> None:
@@ -173,7 +111,7 @@ class _GrowingFile:
             raise InputError(f"{self.path}: already closed; make a new writer to write more")
         if not time > self._last:
             raise InputError(f"{self.path}: frame at {time} s, but the last is at {self._last} s")
-        with _told(self.path):
+        with disk_full_told(self.path):
             if self._data is None:
                 with in_one_go(self.path, self._overwrite) as part, new_file(part) as data:
                     yield data, 0
@@ -417,35 +355,6 @@ class TrajectoryWriter(_GrowingFile):
 
 
 # ---- what stands in the files -----------------------------------------------------------------
-
-
-def check_target(path: Path, overwrite: bool) -> None:
-    """InputError for a place where no file can be made, or where one stands that may not be replaced."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path}: exists already; choose another name or overwrite=True")
-    if path.exists():
-        _refuse_if_being_written(path)
-
-
-def _refuse_if_being_written(path: Path) -> None:
-    """HDF5 locks a file that another run writes: it must not be replaced, not even by force."""
-    try:
-        import fcntl
-    except ImportError:  # where a file that is open cannot be replaced anyway
-        return
-    with open(path, "rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            text = f"{path}: another run is writing it; choose another name"
-            raise InputError(text) from None
-        except OSError:  # a file system without locks
-            return
-        fcntl.flock(file, fcntl.LOCK_UN)
 
 
 def _global_attributes(
@@ -955,7 +864,7 @@ def save_restart(
     flat = dict(_flatten(state, ()))
     packed = {name: _pack(name, value) for name, value in flat.items()}
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
-    with _told(path), in_one_go(path, overwrite=True) as part:
+    with disk_full_told(path), in_one_go(path, overwrite=True) as part:
         with new_file(part) as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError
-from floebmi.output import in_one_go, open_file
+from floebmi.files import in_one_go
+from floebmi.output import open_file
 from floebmi.variables import FLOE_VARIABLES, VARIABLES
 
 if TYPE_CHECKING:

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
+from floebmi.files import in_one_go
 from floebmi.floes import FIXED, LAND as LAND_BIT
-from floebmi.output import in_one_go, open_file
+from floebmi.output import open_file
 from floebmi.variables import VARIABLES, find
 
 if TYPE_CHECKING:

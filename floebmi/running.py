@@ -165,8 +165,9 @@ def run(
     array([60.])
     """
     from floebmi.clock import text_of
+    from floebmi.files import check_target
     from floebmi.model import Model
-    from floebmi.output import check_target, save_restart
+    from floebmi.output import save_restart
 
     if not isinstance(model, Model):
         raise InputError(f"run: model = {in_line(model)}: must be a Model")

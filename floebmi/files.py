@@ -1,0 +1,105 @@
+"""Files that are whole or not there: made under another name, which becomes the wanted one at the end."""
+
+import contextlib
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from floebmi.errors import InputError
+
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
+
+
+def check_target(path: Path, overwrite: bool) -> None:
+    """InputError for a place where no file can be made, or where one stands that may not be replaced."""
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path}: exists already; choose another name or overwrite=True")
+    if path.exists():
+        _refuse_if_being_written(path)
+
+
+def _refuse_if_being_written(path: Path) -> None:
+    """HDF5 locks a file that another run writes: it must not be replaced, not even by force."""
+    try:
+        import fcntl
+    except ImportError:  # where a file that is open cannot be replaced anyway
+        return
+    with open(path, "rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            text = f"{path}: another run is writing it; choose another name"
+            raise InputError(text) from None
+        except OSError:  # a file system without locks
+            return
+        fcntl.flock(file, fcntl.LOCK_UN)
+
+
+@contextlib.contextmanager
+def disk_full_told(path: Path) -> Iterator[None]:
+    """NetCDF says `HDF error` for a full disk: OSError with the file's name instead."""
+    try:
+        yield
+    except RuntimeError as error:
+        text = f"could not be written ({error}): is the disk full?"
+        raise OSError(errno.EIO, text, str(path)) from error
+
+
+@contextlib.contextmanager
+def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
+    """A name to write a file under, which takes its own name when it is whole.
+
+    Another process may be making the same file: it has a name of its own, and the second to be whole does not
+    replace the first unasked.  An OSError that names no file, or that name, gets the name of this one.
+    """
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        if overwrite:
+            os.replace(part, path)
+        else:
+            _rename(part, path)
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, part, str(part)):
+            error.filename = str(path)
+        raise
+    finally:
+        if part.exists():  # on a read-only disk to take away what is not there is an error, too
+            part.unlink()
+
+
+@contextlib.contextmanager
+def new_file(part: Path) -> Iterator["Dataset"]:
+    """A new NetCDF file to write.
+
+    NetCDF says `Permission denied` whatever it is that it cannot make a file for, a full disk for one; the system
+    says what is true.
+    """
+    from netCDF4 import Dataset
+
+    try:
+        data = Dataset(part, "w")
+    except OSError:
+        with open(part, "wb", buffering=0) as file:
+            file.write(bytes(4096))
+        raise
+    with data:
+        yield data
+
+
+def _rename(part: Path, path: Path) -> None:
+    """As os.replace, but a file that is there stays."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        text = f"{path}: another run has made it meanwhile; choose another name"
+        raise InputError(text) from None
+    except OSError:  # a file system without links
+        os.replace(part, path)
