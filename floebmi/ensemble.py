@@ -16,6 +16,7 @@ import json
 import multiprocessing
 import os
 import signal
+import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -152,7 +153,7 @@ def run(
         try:
             if on is None and (jobs or cores()) == 1:
                 for key in left:
-                    keep(key, _attempt(*arguments(key)))
+                    keep(key, _attempt(*arguments(key))[0])
             elif left:
                 for some in _in_waves(left, lambda key: code and code(arguments(key)[1])):
                     _spread(some, arguments, keep, jobs or cores(), on)
@@ -306,20 +307,29 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+_heard: list[Warning] = []  # in a worker: warnings that nobody has been told yet
+
+
 def _start_worker() -> None:
-    """One thread a process; an interrupt is for the process that asked for the members."""
+    """One thread a process; an interrupt, and what warnings say, is for the process that asked for the members."""
     for name in THREADS:
         os.environ[name] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("default", UserWarning)
+    warnings.showwarning = lambda message, *place: _heard.append(message)
 
 
 def _attempt(
     member: Member, parameters: dict[str, Any], seed: int
-) -> Mapping[str, np.ndarray] | Exception:
+) -> tuple[Mapping[str, np.ndarray] | Exception, list[Warning]]:
+    """What a member returned or raised, and the warnings of a worker."""
     try:
-        return member(parameters, seed)
+        result = member(parameters, seed)
     except Exception as error:  # noqa: BLE001  whatever it is, the others go on
-        return error
+        result = error
+    heard = _heard[:]
+    _heard.clear()
+    return result, heard
 
 
 def _in_waves(
@@ -365,13 +375,16 @@ def _collect(executor, keys, arguments, keep):
     lost = []
     try:
         for future in as_completed(futures):
+            heard: list[Warning] = []
             try:
-                result = future.result()
+                result, heard = future.result()
             except BrokenProcessPool:
                 lost.append(futures[future])
                 continue
             except Exception as error:  # noqa: BLE001  of the executor, such as a worker that was lost
                 result = error
+            for warning in heard:
+                warnings.warn(warning, stacklevel=1)
             keep(futures[future], result)
     except KeyboardInterrupt:
         for future in futures:
@@ -393,8 +406,6 @@ class _Quiet:
         pass
 
     def write(self, text: str) -> None:
-        import warnings
-
         warnings.warn(text, stacklevel=4)
 
 

@@ -45,6 +45,11 @@ def interrupted(p, seed):
     return {"sum": np.array(p["a"] + seed)}
 
 
+def wary(p, seed):
+    warnings.warn("thin ice", stacklevel=1)
+    return {"sum": np.array(p["a"] + seed)}
+
+
 def tell_threads(p, seed):
     time.sleep(0.2)
     return {
@@ -106,6 +111,14 @@ def test_a_member_that_fails_is_told_in_one_line_and_the_others_go_on(tmp_path, 
     data = ensemble.gather(done, {"sum": OUTPUTS["sum"]})
     assert np.isnan(data["sum"].sel(a=2.0, seed=1))
     assert np.isfinite(data["sum"]).sum() == 3
+
+
+def test_what_members_in_processes_warn_of_is_told_once_and_here(tmp_path, capfd):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")
+        ensemble.run(wary, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=2)
+    assert [str(one.message) for one in told] == ["thin ice"]
+    assert capfd.readouterr().err == ""
 
 
 def test_a_process_that_dies_takes_no_other_member_with_it(tmp_path):
