@@ -434,7 +434,8 @@ DURATIONS = {
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _KNOTS = {"kt", "kts", "kn", "knot", "knots"}
-IN_FILE = "put right its attribute units"  # where no option says it
+# What is to be done about units that are not known: where an option says them, and where none does.
+BY_OPTION, IN_FILE = "say which with units", "put right its attribute units"
 _FRACTIONS = {"": 1.0, "1": 1.0, "fraction": 1.0, "%": 0.01, "percent": 0.01, "1e-2": 0.01}
 
 
@@ -454,7 +455,7 @@ def velocity_factor(units: str | None, where: str) -> float:
     raise InputError(_unknown(units, where, "a velocity: m s-1, cm s-1, km h-1, knots"))
 
 
-def length_factor(units: str | None, where: str, remedy: str = "say which with units") -> float:
+def length_factor(units: str | None, where: str, remedy: str = BY_OPTION) -> float:
     """Factor from `units` to m."""
     if _words(units) not in LENGTHS:
         raise InputError(_unknown(units, where, "a length: m, km, cm", remedy))
@@ -473,8 +474,6 @@ def is_percent(units: str | None) -> bool:
     return _FRACTIONS.get(_words(units)) == 0.01
 
 
-def _unknown(
-    units: str | None, where: str, right: str, remedy: str = "say which with units"
-) -> str:
+def _unknown(units: str | None, where: str, right: str, remedy: str = BY_OPTION) -> str:
     said = "it has no units" if units is None else f"units = {units!r}"
     return f"{where}: {said}; must be {right} ({remedy})"

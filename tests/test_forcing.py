@@ -262,9 +262,8 @@ def test_components_have_units_and_masks_of_their_own_and_an_angle_may_be_in_deg
         u, v = velocity(VelocityFile(saved(data, tmp_path, name), grid, projection=POLAR), grid)
         expected = (0.1 + 0.01 * along_xi(grid) + 1j * v_there) * np.exp(1j * ROMS_TURN)
         np.testing.assert_allclose(u + 1j * v, expected, atol=1e-7)
-        data["mask_v"] = xr.zeros_like(
-            data.v
-        )  # of the second file: nothing flows through these faces
+        # of the second file: nothing flows through these faces
+        data["mask_v"] = xr.zeros_like(data.v)
 
 
 def test_an_angle_of_the_wrong_sign_is_warned_of(tmp_path):
