@@ -68,6 +68,8 @@ OUTPUTS = {
 }
 SUFFIX = ".tradeoff.nc"
 FRONT, OTHERS = "#D55E00", "#0072B2"
+GRAPH_WIDTH = 5.6  # of a figure, beside its list of settings [inches]
+LETTERS_PER_INCH = 17.0  # about, in that list
 
 
 class Measured(NamedTuple):
@@ -526,9 +528,15 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
     here = data.sel(quantity=of)
     here = here.isel(setting=np.argsort(here.cost_per_day.values))
     here = here.where(here.error > 0, drop=True)
-    with plot.graph(10.5, 4.6) as drawn:
+    words = [
+        textwrap.fill(str(s) or AS_IT_IS, 58, subsequent_indent=6 * " ")
+        for s in here.setting.values
+    ]
+    letters = max((len(line) for text in words for line in text.splitlines()), default=0)
+    column = 0.6 + letters / LETTERS_PER_INCH
+    with plot.graph(GRAPH_WIDTH + column, 4.6) as drawn:
         drawn.dpi = 160
-        ax, names = drawn.subplots(1, 2, width_ratios=(1, 0.95))
+        ax, names = drawn.subplots(1, 2, width_ratios=(GRAPH_WIDTH, column))
         line = [s for s in on_front if s in here.setting.values]
         ax.plot(
             here.cost_per_day.sel(setting=line), here.error.sel(setting=line), "-", color=FRONT,
@@ -547,9 +555,8 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
             ax.annotate(
                 str(k + 1), place, ha="center", va="center", fontsize=6.5, color=colour, zorder=3
             )
-            words = textwrap.fill(str(s) or AS_IT_IS, 58, subsequent_indent="      ")
             names.text(
-                0.0, 1.0 - (k + 0.5) / len(here.setting), f"{k + 1:>2}  {words}", fontsize=7,
+                0.0, 1.0 - (k + 0.5) / len(here.setting), f"{k + 1:>2}  {words[k]}", fontsize=7,
                 color=colour, va="center", transform=names.transAxes,
             )  # fmt: skip
         ax.set(
