@@ -124,6 +124,10 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
     ("text", "said"),
     [
         ("[floes]\nradus = 3", '[floes] radus = 3: unknown key; allowed: arrangement'),
+        (
+            '[coast]\nradius = 1\ngeojson = "a\\nb"',
+            '[coast] geojson = "a\\nb": must be the path of a file, without control characters',
+        ),
         ("[floes.size]\nradius_min = 1", "[floes.size] distribution is missing; allowed: file, "),
         (
             '[floes.size]\ndistribution = "power_law"\nradius_min = -1\nradius_max = 2',
