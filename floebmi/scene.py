@@ -14,10 +14,10 @@ import shutil
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Edge, Feeder, Inflow, Wall, check_domain
@@ -72,7 +72,15 @@ if TYPE_CHECKING:
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
 
 Pair = tuple[float, float]
-ScenePath = str  # of a file, relative to the scene file
+
+
+def _path(text: str) -> str:
+    if any(letter < " " for letter in text):  # an error would take several lines to name it
+        raise InputError("must be the path of a file, without control characters")
+    return text
+
+
+ScenePath = Annotated[str, AfterValidator(_path)]  # of a file, relative to the scene file
 Axis = Literal["x", "y", "rotation"]
 # those of places.py and remap.py, which need scipy: scenes are read without it
 Position = Literal["auto", "mapping", "lonlat"]

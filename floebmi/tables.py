@@ -422,7 +422,11 @@ def _path(declaration: Any, error: Any, tables: Any) -> tuple:
         if known:
             path.append(part)
             node = node[part]
-        elif depth == len(loc) - 1 and error["type"].startswith(("missing", "union_tag")):
+        elif (
+            depth == len(loc) - 1
+            and isinstance(node, dict)
+            and error["type"].startswith(("missing", "union_tag"))
+        ):
             path.append(part)
     return tuple(part for part in path if part != "")
 
@@ -524,6 +528,13 @@ def _message_of(declaration: Any, error: Any) -> str:
         what = "table" if isinstance(error["input"], dict) else "key"
         return f"unknown {what}; {choose(loc[-1], _allowed_keys(declaration, loc[:-1]))}"
     if kind.startswith("missing"):
+        if isinstance(loc[-1], int):  # an entry of a list
+            # of a choice between types pydantic's location names the type, too
+            hints = _declared(declaration, loc[:-1]) or _declared(declaration, loc[:-2])
+            for member in (member for hint in hints for _, member in _members(hint)):
+                if get_origin(member) is tuple:
+                    return f"must be a list of {len(get_args(member))} entries"
+            return "must be a table of keys"
         owners = [
             member
             for hint in _declared(declaration, loc[:-1])
@@ -535,6 +546,8 @@ def _message_of(declaration: Any, error: Any) -> str:
     if kind == "literal_error":
         return choose(error["input"], re.findall(r"'([^']*)'", context["expected"]))
     if kind.startswith("union_tag"):
+        if not isinstance(error["input"], dict):
+            return "must be a table of keys"
         hint = _declared(declaration, loc)[0]
         words = [str(tag).removeprefix("=") for tag, _ in _members(hint) if tag]
         word = context.get("tag", "").removeprefix("=")

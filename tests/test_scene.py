@@ -58,6 +58,7 @@ def refused(path, *overrides):
     ("override", "said"),
     [
         ("domain.x=[0,1,2]", "must be a list of 2 entries"),
+        ("domain.x=[0]", "must be a list of 2 entries"),
         ("domain.x=[0,true]", "must be a number"),
         ("domian.x=3", "did you mean 'domain'?"),
         ("domain.z=3", "unknown key; allowed: east, edges, north"),
@@ -82,10 +83,14 @@ def refused(path, *overrides):
         ("ocean.drag.density=-1", "must be greater than 0"),
         ("ocean.drag.densty=1", "did you mean 'density'?"),
         ("grid.spacing=[1,2,3]", "must be a number, or a list of 2 entries"),
+        ("grid.spacing=[1]", "must be a number, or a list of 2 entries"),
+        ("grid.shape=[1]", "must be a list of 2 entries"),
         ("grid.kind=round", "allowed: curvilinear, rectilinear, uniform_rectilinear"),
         ("walls=[{edge=\"nort\"}]", "did you mean 'north'?"),
         ("coriolis.latitude=91", "must be at most 90"),
         ("output=3", "must be a table of keys"),
+        ("floes=[{size=3}]", "must be a table of keys"),
+        ("contact={bonds={healing=[]}}", "must be a table of keys"),
     ],
 )  # fmt: skip
 def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right(
@@ -119,6 +124,10 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
     ("text", "said"),
     [
         ("[floes]\nradus = 3", '[floes] radus = 3: unknown key; allowed: arrangement'),
+        (
+            '[coast]\nradius = 1\ngeojson = "a\\nb"',
+            '[coast] geojson = "a\\nb": must be the path of a file, without control characters',
+        ),
         ("[floes.size]\nradius_min = 1", "[floes.size] distribution is missing; allowed: file, "),
         (
             '[floes.size]\ndistribution = "power_law"\nradius_min = -1\nradius_max = 2',
