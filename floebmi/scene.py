@@ -645,7 +645,9 @@ class Scene(Table):
 
     title: str = Field("", description="one line")
     seed: int = Field(
-        0, ge=0, description="of everything random; the same seed gives the same bits"
+        0,
+        ge=0,
+        description="of everything random; the same seed gives the same bits. Group k of floes, from 0, draws from the seed + k",
     )
     preset: Literal["damsgaard2018"] | None = Field(
         None, description="'damsgaard2018': time step, scheme and lever arms as the paper ran them"

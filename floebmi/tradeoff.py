@@ -258,7 +258,7 @@ def tradeoff(
     error : that a recommended setting may have, relative to the reference
     of : the quantity whose error counts, one of `COMPARED`; default: transport where floes leave, drift where
         wind or water moves them, else velocity
-    seeds : number of seeds, 1, 2, …
+    seeds : number of seeds, 1, 2, …; as far apart as there are groups of floes that are drawn from them
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
     budget : minutes that all may take; the runs are made shorter to fit
     to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
@@ -308,10 +308,13 @@ def tradeoff(
         "every": schedule.every,
     }
     members = to.with_name(f"{to.name}.members")
+    # group k draws from the seed + k: a group of one seed must not be another group of the next
+    drawn = [k for k, group in enumerate(scene.floes) if getattr(group, "seed", 0) is None]
+    apart = drawn[-1] - drawn[0] + 1 if drawn else 1
 
     def run(texts: Sequence[str]) -> ensemble.Ensemble:
         return ensemble.run(
-            member, shared, {"setting": texts}, range(1, seeds + 1), members,
+            member, shared, {"setting": texts}, range(1, 1 + seeds * apart, apart), members,
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
 
@@ -384,10 +387,15 @@ def _compare(
     worst = max(grown, key=lambda q: grown[q])
     chaotic = grown[worst] > SEES * error
     n = runs.sizes["seed"]
+    # floes of a list, of a file or with a seed of their own are those of every seed, and so is then the whole run
+    same = all(bool((base[q] == base[q].isel(seed=0)).all()) for q in quantities)
     why = (
         f"a nudge of the floes by {NUDGE:g} of their radius changes {worst} by {grown[worst]:.1g}: "
         + (f"chaotic, so means over time and {n} seeds are compared" if chaotic else "quiet, so frames and cells are compared one by one")
     )  # fmt: skip
+    if chaotic and same:
+        cause = "the seed changes nothing in this scene" if n > 1 else "that takes more seeds"
+        why += f"; how much of an error is chance is not known, for {cause}"
     kept = [str(s) for s in runs.setting.values if not str(s).endswith(NUDGED)]
     data = xr.Dataset(coords={"setting": kept, "quantity": quantities})
     errors = np.full((len(kept), len(quantities), 2), np.nan)
@@ -397,6 +405,8 @@ def _compare(
             errors[s, q] = (
                 _of_means(one, other) if chaotic else (_pointwise(one, other).mean(), 0.0)
             )
+    if chaotic and same:
+        errors[..., 1] = np.nan
     data["error"] = ("setting", "quantity"), errors[..., 0], {"units": "1", "long_name": "relative to the reference"}  # fmt: skip
     data["noise"] = ("setting", "quantity"), errors[..., 1], {"units": "1", "long_name": "of the error, from the spread over seeds"}  # fmt: skip
     one = runs.sel(setting=kept)

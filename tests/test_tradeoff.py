@@ -168,6 +168,36 @@ def test_a_chaotic_scene_is_compared_in_means_over_seeds(tmp_path, few_dials):
     assert errors.noise > 0
     table = tradeoff.table(made.data)
     assert tradeoff.AS_IT_IS in table and "±" in table
+    assert "not known" not in made.why
+
+
+@pytest.mark.parametrize(
+    ("own", "seeds", "told"), [("seed = 1\n", 2, "the seed changes nothing"), ("", 1, "more seeds")]
+)
+def test_runs_that_are_all_the_same_do_not_tell_how_well_an_error_is_known(
+    tmp_path, few_dials, own, seeds, told
+):
+    path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own))
+    made = tradeoff.tradeoff(path, of="area_fraction", seeds=seeds, jobs=1, to=tmp_path / "t.nc")
+    assert "chaotic" in made.why and told in made.why
+    assert np.isnan(made.data.noise).all() and "±" not in tradeoff.table(made.data)
+
+
+@pytest.mark.parametrize(("own", "apart"), [("", 2), ("seed = 1\n", 1)])
+def test_no_group_of_one_seed_is_another_group_of_the_next(tmp_path, monkeypatch, own, apart):
+    path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own, 1))
+    west = read_scene(path, [f"seed={1 + apart}"]).build().model.floes
+    east = read_scene(path, ["seed=1"]).build().model.floes
+    drawn = west.radius[west.x < 200], east.radius[east.x > 200]
+    assert not np.array_equal(*(np.sort(radius) for radius in drawn))
+
+    def seen(member, shared, sweep, seeds, folder, **how):
+        raise InputError(str(list(seeds)))
+
+    monkeypatch.setattr(tradeoff.ensemble, "run", seen)
+    with pytest.raises(InputError) as told:
+        tradeoff.tradeoff(path, seeds=3, to=tmp_path / "t.nc")
+    assert str(told.value) == str([1, 1 + apart, 1 + 2 * apart])
 
 
 def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
