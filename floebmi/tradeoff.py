@@ -267,7 +267,8 @@ def tradeoff(
     Raises
     ------
     InputError
-        for a scene or a number that cannot be right, and where there is a file that is no result.
+        for a scene or a number that cannot be right, where there is a file that is no result, and where the runs kept
+        beside it are of another scene, or of files that have changed since.
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
@@ -302,6 +303,7 @@ def tradeoff(
     shared = {
         "scene": str(scene.file),
         "text": _hash(scene.text),
+        "files": {name: _as_it_is(scene.file.parent / name) for name in scene.paths()},
         "overrides": overrides,
         "duration": schedule.duration,
         "exchange": schedule.exchange,
@@ -336,6 +338,12 @@ def tradeoff(
     }
     ensemble.save(data, to)
     return Measured(data, to, why, done.failures)
+
+
+def _as_it_is(path: Path) -> str:
+    """Size and date of a file: of another one finished runs are not."""
+    told = path.stat()
+    return f"{told.st_size} bytes of {np.datetime64(told.st_mtime_ns, 'ns')}"
 
 
 def _affordable(

@@ -241,6 +241,18 @@ def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path,
     assert not list(tmp_path.glob("*.members"))
 
 
+def test_runs_of_files_that_have_changed_since_are_refused(tmp_path, few_dials):
+    floes = tmp_path / "floes.csv"
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.5\n175,158,15,1,0\n")
+    path = scene_file(tmp_path, SCENE.replace(PACK, 'arrangement = "file"\nfile = "floes.csv"\n'))
+    how = {"seeds": 1, "jobs": 1, "to": tmp_path / "t.nc"}
+    first = tradeoff.tradeoff(path, **how)
+    assert tradeoff.tradeoff(path, **how).data.cost_per_day.equals(first.data.cost_per_day)  # kept
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.05\n175,158,15,1,0\n")
+    with pytest.raises(InputError, match=r"members of another ensemble \(files = .*floes.csv"):
+        tradeoff.tradeoff(path, **how)
+
+
 def test_only_a_result_is_replaced_by_a_result(tmp_path):
     path = scene_file(tmp_path, QUIET)
     with pytest.raises(InputError, match="pack.toml: must end in .nc"):
