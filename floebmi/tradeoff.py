@@ -267,8 +267,8 @@ def tradeoff(
     Raises
     ------
     InputError
-        for a scene or a number that cannot be right, where there is a file that is no result, and where the runs kept
-        beside it are of another scene, or of files that have changed since.
+        for a scene or a number that cannot be right, forcing that does not reach to the end, where there is a file
+        that is no result, and where the runs kept beside it are of another scene, or of files that have changed since.
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
@@ -300,6 +300,7 @@ def tradeoff(
     if budget is not None:
         length = _affordable(schedule, built, budget, len(tried), seeds, jobs)
         schedule = schedule._replace(duration=length)
+    scene.check_forcing(built, 0.0, schedule.duration)
     shared = {
         "scene": str(scene.file),
         "text": _hash(scene.text),

@@ -241,6 +241,16 @@ def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path,
     assert not list(tmp_path.glob("*.members"))
 
 
+def test_wind_that_ends_too_early_is_refused_before_anything_runs(tmp_path):
+    wind = {name: ("time", [1.0, 1.0], {"units": "m/s"}) for name in ("u10", "v10")}
+    hours = np.array(["2016-02-01T00", "2016-02-01T01"], "datetime64[ns]")
+    xr.Dataset(wind, {"time": hours}).to_netcdf(tmp_path / "wind.nc")
+    path = scene_file(tmp_path, QUIET + '[atmosphere]\nfile = "wind.nc"\n')
+    with pytest.raises(InputError, match=r"pack.toml: \[atmosphere\] .*outside the file's times"):
+        tradeoff.tradeoff(path, to=tmp_path / "t.nc", duration=7200.0)
+    assert not list(tmp_path.glob("*.members"))
+
+
 def test_runs_of_files_that_have_changed_since_are_refused(tmp_path, few_dials):
     floes = tmp_path / "floes.csv"
     floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.5\n175,158,15,1,0\n")
