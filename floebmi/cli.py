@@ -21,7 +21,7 @@ from floebmi import __version__
 from floebmi.errors import InputError, StabilityError, choose
 
 if TYPE_CHECKING:
-    from floebmi.scene import Built, Scene
+    from floebmi.scene import Scene
 
 HELP = """Sea-ice floes as discrete elements, under real wind and currents.
 
@@ -266,7 +266,7 @@ def run(
             f"--restart {restart}: is at t = {model.time:g} s, the run ends at {schedule.duration:g} s; "
             "give a longer --duration"
         )
-    _check_forcing(read, built, model.time, schedule.duration)
+    read.check_forcing(built, model.time, schedule.duration)
     folder.mkdir(parents=True, exist_ok=True)
     if not quiet:
         click.echo(f"{read.name}: {read.title}\n{model!r}")
@@ -363,19 +363,6 @@ def _refuse_to_overwrite(folder: Path, targets: Sequence[Path], force: bool) -> 
             raise InputError(f"{path}: exists already; give another folder with --to, or --force")
 
 
-def _check_forcing(scene: "Scene", built: "Built", start: float, end: float) -> None:
-    """InputError with file and table if the forcing does not reach from start to end [s]."""
-    from floebmi.running import check_forcing
-
-    for table, source, fluid in (
-        ("ocean", built.ocean, built.model.ocean),
-        ("atmosphere", built.atmosphere, built.model.atmosphere),
-    ):
-        if source is not None and fluid is not None:
-            with scene.place(table):
-                check_forcing(source, fluid, start, end)
-
-
 @contextlib.contextmanager
 def _of(what: str) -> Iterator[None]:
     try:
@@ -402,7 +389,7 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
     if calibrate:
         calibration.keep(built.model, calibration.measure(read.build(), read.time.duration))
     if read.time.duration is not None:
-        _check_forcing(read, built, 0.0, read.time.duration)
+        read.check_forcing(built, 0.0, read.time.duration)
     click.echo(explain_scene(read, built))
 
 

@@ -47,7 +47,7 @@ from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, Oc
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
-from floebmi.running import check_intervals
+from floebmi.running import check_forcing, check_intervals
 from floebmi.scenes import packaged
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import (
@@ -653,7 +653,9 @@ class Scene(Table):
 
     title: str = Field("", description="one line")
     seed: int = Field(
-        0, ge=0, description="of everything random; the same seed gives the same bits"
+        0,
+        ge=0,
+        description="of everything random; the same seed gives the same bits. Group k of floes, from 0, draws from the seed + k",
     )
     preset: Literal["damsgaard2018"] | None = Field(
         None, description="'damsgaard2018': time step, scheme and lever arms as the paper ran them"
@@ -732,6 +734,16 @@ class Scene(Table):
             exchange = every
         check_intervals(every, exchange, f"{self._file}: [time] exchange")
         return Schedule(float(total), float(exchange), float(every))
+
+    def check_forcing(self, built: Built, start: float, end: float) -> None:
+        """InputError with file and table if the forcing does not reach from start to end [s]."""
+        for table, source, fluid in (
+            ("ocean", built.ocean, built.model.ocean),
+            ("atmosphere", built.atmosphere, built.model.atmosphere),
+        ):
+            if source is not None and fluid is not None:
+                with self.place(table):
+                    check_forcing(source, fluid, start, end)
 
     def _place_of_group(self, k: int) -> contextlib.AbstractContextManager[None]:
         return self.place("floes" if len(self.floes) == 1 else f"floes number {k + 1}")

@@ -260,7 +260,7 @@ def tradeoff(
     error : that a recommended setting may have, relative to the reference
     of : the quantity whose error counts, one of `COMPARED`; default: transport where floes leave, drift where
         wind or water moves them, else velocity
-    seeds : number of seeds, 1, 2, …
+    seeds : number of seeds, 1, 2, …; as far apart as there are groups of floes that are drawn from them
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
     budget : minutes that all may take; the runs are made shorter to fit
     to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
@@ -269,7 +269,8 @@ def tradeoff(
     Raises
     ------
     InputError
-        for a scene or a number that cannot be right, and where there is a file that is no result.
+        for a scene or a number that cannot be right, forcing that does not reach to the end, where there is a file
+        that is no result, and where the runs kept beside it are of another scene, or of files that have changed since.
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
@@ -301,19 +302,24 @@ def tradeoff(
     if budget is not None:
         length = _affordable(schedule, built, budget, len(tried), seeds, jobs)
         schedule = schedule._replace(duration=length)
+    scene.check_forcing(built, 0.0, schedule.duration)
     shared = {
         "scene": str(scene.file),
         "text": _hash(scene.text),
+        "files": {name: _as_it_is(scene.file.parent / name) for name in scene.paths()},
         "overrides": overrides,
         "duration": schedule.duration,
         "exchange": schedule.exchange,
         "every": schedule.every,
     }
     members = to.with_name(f"{to.name}.members")
+    # group k draws from the seed + k: a group of one seed must not be another group of the next
+    drawn = [k for k, group in enumerate(scene.floes) if getattr(group, "seed", 0) is None]
+    apart = drawn[-1] - drawn[0] + 1 if drawn else 1
 
     def run(texts: Sequence[str]) -> ensemble.Ensemble:
         return ensemble.run(
-            member, shared, {"setting": texts}, range(1, seeds + 1), members,
+            member, shared, {"setting": texts}, range(1, 1 + seeds * apart, apart), members,
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
 
@@ -335,6 +341,12 @@ def tradeoff(
     }
     ensemble.save(data, to)
     return Measured(data, to, why, done.failures)
+
+
+def _as_it_is(path: Path) -> str:
+    """Size and date of a file: of another one finished runs are not."""
+    told = path.stat()
+    return f"{told.st_size} bytes of {np.datetime64(told.st_mtime_ns, 'ns')}"
 
 
 def _affordable(
@@ -386,10 +398,15 @@ def _compare(
     worst = max(grown, key=lambda q: grown[q])
     chaotic = grown[worst] > SEES * error
     n = runs.sizes["seed"]
+    # floes of a list, of a file or with a seed of their own are those of every seed, and so is then the whole run
+    same = all(bool((base[q] == base[q].isel(seed=0)).all()) for q in quantities)
     why = (
         f"a nudge of the floes by {NUDGE:g} of their radius changes {worst} by {grown[worst]:.1g}: "
         + (f"chaotic, so means over time and {n} seeds are compared" if chaotic else "quiet, so frames and cells are compared one by one")
     )  # fmt: skip
+    if chaotic and same:
+        cause = "the seed changes nothing in this scene" if n > 1 else "that takes more seeds"
+        why += f"; how much of an error is chance is not known, for {cause}"
     kept = [str(s) for s in runs.setting.values if not str(s).endswith(NUDGED)]
     data = xr.Dataset(coords={"setting": kept, "quantity": quantities})
     errors = np.full((len(kept), len(quantities), 2), np.nan)
@@ -399,6 +416,8 @@ def _compare(
             errors[s, q] = (
                 _of_means(one, other) if chaotic else (_pointwise(one, other).mean(), 0.0)
             )
+    if chaotic and same:
+        errors[..., 1] = np.nan
     data["error"] = ("setting", "quantity"), errors[..., 0], {"units": "1", "long_name": "relative to the reference"}  # fmt: skip
     data["noise"] = ("setting", "quantity"), errors[..., 1], {"units": "1", "long_name": "of the error, from the spread over seeds"}  # fmt: skip
     one = runs.sel(setting=kept)

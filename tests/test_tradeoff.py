@@ -168,6 +168,36 @@ def test_a_chaotic_scene_is_compared_in_means_over_seeds(tmp_path, few_dials):
     assert errors.noise > 0
     table = tradeoff.table(made.data)
     assert tradeoff.AS_IT_IS in table and "±" in table
+    assert "not known" not in made.why
+
+
+@pytest.mark.parametrize(
+    ("own", "seeds", "told"), [("seed = 1\n", 2, "the seed changes nothing"), ("", 1, "more seeds")]
+)
+def test_runs_that_are_all_the_same_do_not_tell_how_well_an_error_is_known(
+    tmp_path, few_dials, own, seeds, told
+):
+    path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own))
+    made = tradeoff.tradeoff(path, of="area_fraction", seeds=seeds, jobs=1, to=tmp_path / "t.nc")
+    assert "chaotic" in made.why and told in made.why
+    assert np.isnan(made.data.noise).all() and "±" not in tradeoff.table(made.data)
+
+
+@pytest.mark.parametrize(("own", "apart"), [("", 2), ("seed = 1\n", 1)])
+def test_no_group_of_one_seed_is_another_group_of_the_next(tmp_path, monkeypatch, own, apart):
+    path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own, 1))
+    west = read_scene(path, [f"seed={1 + apart}"]).build().model.floes
+    east = read_scene(path, ["seed=1"]).build().model.floes
+    drawn = west.radius[west.x < 200], east.radius[east.x > 200]
+    assert not np.array_equal(*(np.sort(radius) for radius in drawn))
+
+    def seen(member, shared, sweep, seeds, folder, **how):
+        raise InputError(str(list(seeds)))
+
+    monkeypatch.setattr(tradeoff.ensemble, "run", seen)
+    with pytest.raises(InputError) as told:
+        tradeoff.tradeoff(path, seeds=3, to=tmp_path / "t.nc")
+    assert str(told.value) == str([1, 1 + apart, 1 + 2 * apart])
 
 
 def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
@@ -209,6 +239,28 @@ def test_numbers_that_cannot_be_right_are_refused_before_anything_runs(tmp_path,
     with pytest.raises(InputError, match=told):
         tradeoff.tradeoff(path, to=tmp_path / "t.nc", **how)
     assert not list(tmp_path.glob("*.members"))
+
+
+def test_wind_that_ends_too_early_is_refused_before_anything_runs(tmp_path):
+    wind = {name: ("time", [1.0, 1.0], {"units": "m/s"}) for name in ("u10", "v10")}
+    hours = np.array(["2016-02-01T00", "2016-02-01T01"], "datetime64[ns]")
+    xr.Dataset(wind, {"time": hours}).to_netcdf(tmp_path / "wind.nc")
+    path = scene_file(tmp_path, QUIET + '[atmosphere]\nfile = "wind.nc"\n')
+    with pytest.raises(InputError, match=r"pack.toml: \[atmosphere\] .*outside the file's times"):
+        tradeoff.tradeoff(path, to=tmp_path / "t.nc", duration=7200.0)
+    assert not list(tmp_path.glob("*.members"))
+
+
+def test_runs_of_files_that_have_changed_since_are_refused(tmp_path, few_dials):
+    floes = tmp_path / "floes.csv"
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.5\n175,158,15,1,0\n")
+    path = scene_file(tmp_path, SCENE.replace(PACK, 'arrangement = "file"\nfile = "floes.csv"\n'))
+    how = {"seeds": 1, "jobs": 1, "to": tmp_path / "t.nc"}
+    first = tradeoff.tradeoff(path, **how)
+    assert tradeoff.tradeoff(path, **how).data.cost_per_day.equals(first.data.cost_per_day)  # kept
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.05\n175,158,15,1,0\n")
+    with pytest.raises(InputError, match=r"members of another ensemble \(files = .*floes.csv"):
+        tradeoff.tradeoff(path, **how)
 
 
 def test_only_a_result_is_replaced_by_a_result(tmp_path):
