@@ -423,7 +423,8 @@ def _path(declaration: Any, error: Any, tables: Any) -> tuple:
             path.append(part)
             node = node[part]
         elif depth == len(loc) - 1 and error["type"].startswith(("missing", "union_tag")):
-            path.append(part)
+            if isinstance(node, dict):  # the key that it lacks; what is no table is wrong itself
+                path.append(part)
     return tuple(part for part in path if part != "")
 
 
@@ -523,6 +524,12 @@ def _message_of(declaration: Any, error: Any) -> str:
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         what = "table" if isinstance(error["input"], dict) else "key"
         return f"unknown {what}; {choose(loc[-1], _allowed_keys(declaration, loc[:-1]))}"
+    if kind.startswith("missing") and isinstance(loc[-1], int):  # of a list that is too short
+        # behind the name of the type, where several are allowed
+        hints = _declared(declaration, loc[:-1]) or _declared(declaration, loc[:-2])
+        members = [member for hint in hints for _, member in _members(hint)]
+        entries = next(get_args(member) for member in members if get_origin(member) is tuple)
+        return f"must be a list of {len(entries)} entries"
     if kind.startswith("missing"):
         owners = [
             member
@@ -534,6 +541,8 @@ def _message_of(declaration: Any, error: Any) -> str:
         return f"is missing: {text}"
     if kind == "literal_error":
         return choose(error["input"], re.findall(r"'([^']*)'", context["expected"]))
+    if kind.startswith("union_tag") and not isinstance(error["input"], dict):
+        return "must be a table of keys"
     if kind.startswith("union_tag"):
         hint = _declared(declaration, loc)[0]
         words = [str(tag).removeprefix("=") for tag, _ in _members(hint) if tag]
