@@ -782,7 +782,8 @@ def _experiment_options(kind: str) -> Callable:
     def add(function: Callable) -> Callable:
         for name, default, row in reversed(list(parameters.rows(table))):
             unit = f" [{row.unit}]" if row.unit not in ("", "1") else ""
-            shown = default if isinstance(default, str) else f"{default:g}"
+            usual = parameters.NORMAL_STRESSES if name == "normal_stress" else (default,)
+            shown = ",".join(one if isinstance(one, str) else f"{one:g}" for one in usual)
             function = click.option(
                 f"--{name.replace('_', '-')}", name, type=_Several(isinstance(default, str)),
                 metavar="VALUE[,…]", help=f"{row.meaning}{unit}; {shown}.",
@@ -795,10 +796,14 @@ def _experiment_options(kind: str) -> Callable:
 def _ensemble_options(function: Callable) -> Callable:
     for option in reversed(
         [
-            click.option("--seeds", type=click.IntRange(1), help="Number of seeds of each point."),
+            click.option(
+                "--seeds", type=click.IntRange(1),
+                help="Number of seeds of each point (shear: 3, strait: 20).",
+            ),
             click.option(
                 "--save", type=_PATH, metavar="FILE",
-                help="NetCDF file to make; finished members are kept beside it and not run again.",
+                help="NetCDF file to make, else shear.nc or strait.nc here; with --figure the picture, else figure-N.png. "
+                "Finished members are kept beside it and not run again.",
             ),
             click.option(
                 "--figure", type=click.IntRange(1, 10), metavar="N",

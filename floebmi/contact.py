@@ -123,10 +123,10 @@ class Contact(NamedTuple):
 
 
 def frictional(
-    friction: float = 0.3,
-    youngs_modulus: float = 2.0e7,
-    poisson_ratio: float = 0.185,
-    restitution: float | None = None,
+    friction: NonNegative = 0.3,
+    youngs_modulus: Positive = 2.0e7,
+    poisson_ratio: PoissonRatio = 0.185,
+    restitution: PositiveFraction | None = None,
 ) -> Contact:
     """The paper's frictional model: elasticity, Coulomb friction, rotation; no bonds.
 
@@ -145,9 +145,9 @@ def frictional(
 
 
 def cohesive(
-    tensile_strength: float = 200e3,
-    youngs_modulus: float = 2.0e7,
-    restitution: float | None = None,
+    tensile_strength: NonNegative = 200e3,
+    youngs_modulus: Positive = 2.0e7,
+    restitution: PositiveFraction | None = None,
 ) -> Contact:
     """The paper's cohesive model: elasticity and bonds; no friction, no rotation.
 
