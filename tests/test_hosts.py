@@ -13,11 +13,33 @@ import numpy as np
 import pytest
 from test_examples import ROOT, example
 
+from coupling.books import Books
 from coupling.veros import SeaIce, surface_cells
-from floebmi import Domain, Floes, Model, frictional
+from floebmi import Domain, Floes, Grid, Model, frictional
 from floebmi.errors import InputError
 from floebmi.forces import AirDrag, CoriolisField, OceanDrag, Tilt
 from floebmi.output import load_restart
+
+
+def test_a_line_of_the_books_is_of_its_exchange_and_goes_on_from_a_file(tmp_path):
+    grid = Grid.uniform((0.0, 4e3), (0.0, 2e3), spacing=2e3)
+    floes = Floes([1e3, 3e3], 1e3, 500.0, 1.0, u=[0.3, 0.2])
+    model = Model(Domain((0.0, 4e3), (0.0, 2e3)), floes, forces=[OceanDrag()], grid=grid)
+    books, host = Books(model), np.array([5.0, -6.0])
+    for number, duration in ((1, 60.0), (2, 30.0)):
+        books.open()
+        model.advance(duration)
+        to_host = np.array([model.ocean.last_x.sum(), model.ocean.last_y.sum()])
+        line = books.close(to_host, np.zeros(2), host)
+        assert (line.number, line.duration, line.host.tolist()) == (number, duration, [5.0, -6.0])
+        assert line.relative < 1e-12
+    books.save(tmp_path / "books.nc")
+    again = Books(model)
+    again.load(tmp_path / "books.nc")
+    again.open()
+    model.advance(10.0)
+    assert again.close(np.zeros(2), np.zeros(2)).number == 3
+    assert again.last.turnover > line.turnover and again.last.time == 100.0
 
 
 @pytest.fixture
