@@ -119,8 +119,12 @@ def test_colours_are_those_of_the_quantity(run):
 def test_the_colour_scale_holds_all_frames_unless_limits_are_given(run):
     ends = [draw.frame(run[1], time=k).axes[0].collections[-1].get_clim() for k in (0, 3)]
     assert ends[0] == ends[1]
-    figure = draw.frame(run[1], limits=(0.0, 0.25))
-    assert figure.axes[0].collections[-1].get_clim() == (0.0, 0.25)
+    for limits, beyond in (((0.0, 0.25), ["up"]), ((0.05, 2.0), ["down"]), ((0.0, 2.0), [])):
+        figure = draw.frame(run[1], limits=limits)
+        assert figure.axes[0].collections[-1].get_clim() == limits
+        bar = figure.axes[1]  # with a tip where there are values beyond
+        tips = [patch.get_path().get_extents() for patch in bar.patches]
+        assert ["up" if tip.y0 >= limits[1] else "down" for tip in tips] == beyond
 
 
 def test_the_colour_scale_is_of_the_fastest_whenever_it_is(tmp_path):
@@ -324,6 +328,18 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
     assert mass.get_ylabel() == "mass [kg]"
     assert along_x.get_ylabel() == "momentum along x [N s]"
+
+
+def test_the_ledger_of_a_run_that_goes_on_begins_with_its_first_frame(tmp_path):
+    model, path = small_model(), tmp_path / "floes.nc"
+    model.advance(100.0)
+    with TrajectoryWriter(path, model) as writer:
+        writer.write(model)
+        model.advance(100.0)
+        writer.write(model)
+    for axes in draw.ledger(path).axes[1:3]:
+        assert {line.get_ydata()[0] for line in axes.lines} == {0.0}
+        assert max(abs(line.get_ydata()[1]) for line in axes.lines) > 0.0
 
 
 def test_no_two_accounts_of_a_ledger_are_drawn_alike(run, tmp_path):
