@@ -216,6 +216,7 @@ def test_a_bond_breaks_at_its_strength_and_can_form_again():
     floes.u[1] = -1e-2
     model.advance(30.0)
     assert model.contacts().bonded.all() and len(model.contacts().i) == 1
+    assert model.counters.bonds_broken == 1
 
 
 def energy_that_a_break_leaves_unbooked(speed, step, law, holds_on):

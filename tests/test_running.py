@@ -333,7 +333,9 @@ def test_the_report_and_its_profile_say_what_was_done():
 def test_the_report_counts_the_steps_of_its_own_run():
     model = drifting(u=0.5)
     first = run(model, 60.0)
+    told = str(first), first.profile()
     second = run(model, 60.0, exchange=3.0)
+    assert (str(first), first.profile()) == told  # the model goes on, the report does not
     assert second.floe_steps == second.counters.floe_steps - first.floe_steps
     assert 0 < second.first_steps < second.floe_steps / 10
 
