@@ -7,6 +7,7 @@ readable, and the state at the last exchange is saved if a place for it was give
 """
 
 import contextlib
+import dataclasses
 import signal
 import sys
 import threading
@@ -53,8 +54,8 @@ class Report(NamedTuple):
     start, end : simulated time [s]
     wall : seconds on the clock, by what they were spent on
     floe_steps, first_steps : steps of all floes in this run, and in its first exchange
-    counters : of the model, since its start
-    ledger : mass, momentum and energy of the ice
+    counters : of the model, since its start, as this run ended
+    ledger : mass, momentum and energy of the ice, likewise
     files : what was written
     """
 
@@ -250,7 +251,7 @@ def run(
         files.append(Path(restart))
     return Report(
         finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,
-        first_steps or 0, model.counters, model.ledger, tuple(files),
+        first_steps or 0, dataclasses.replace(model.counters), model.ledger.copy(), tuple(files),
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from floebmi.boundaries import Domain, Inflow, Wall
+from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls
 from floebmi.contact import Contact, Elastic, Restitution, frictional
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
@@ -156,6 +156,38 @@ def test_an_inflow_sees_the_floes_across_a_periodic_seam():
             model = Model(domain, seam.copy(), frictional(), inflow=inflow, seed=seed)
             model.advance(1e-3)
             assert len(model.floes) > 3 and len(model.contacts().i) == 0
+
+
+def test_floes_come_in_within_the_span_as_they_are_told():
+    box = Domain((0.0, 100.0), (0.0, 80.0))
+    inflow = Inflow("west", SingleSize(5.0), 2.0, (0.1, -0.2), span=(20.0, 60.0))
+    places = []
+    for seed in range(20):
+        floes = Floes(50.0, 40.0, 5.0, 1.0)
+        new = Feeder(inflow, box).feed(floes, np.random.default_rng(seed))
+        places += floes.y[new].tolist()
+        assert (floes.x[new] == 5.0).all() and (floes.thickness[new] == 2.0).all()
+        assert (floes.u[new] == 0.1).all() and (floes.v[new] == -0.2).all()
+    assert 25.0 <= min(places) < 26.0 and 54.0 < max(places) <= 55.0
+
+
+def test_a_load_is_of_the_ice_and_not_of_the_coast():
+    box = Domain((0.0, 100.0), (0.0, 60.0))
+    ice, shore = (
+        Floes([20.0, 60.0], 30.0, 10.0, [1.0, 2.0]),
+        Floes(90.0, 5.0, 5.0, 10.0, motion=COAST),
+    )
+    wall = (Wall("north", normal_stress=1e4),)
+    alone, beside = (
+        build_walls(box, wall, floes, 900.0, 2e7)
+        for floes in (ice, Floes.concatenate([ice, shore]))
+    )
+    assert alone.tolist() == beside.tolist()
+    mass = 900.0 * np.pi * 10.0**2 * 3.0
+    assert alone[0].press == pytest.approx(1e4 * 100.0 * 1.5)
+    assert alone[0].inverse_mass == pytest.approx(1 / mass)
+    spring = 2e7 * 1.5 * 100.0 / 60.0
+    assert alone[0].damping == pytest.approx(2 * np.sqrt(spring / mass))  # critical, if not told
 
 
 def test_an_inflow_adds_floes_as_soon_as_there_is_room_and_books_their_mass():

@@ -14,6 +14,7 @@ from floebmi.coast import (
     from_polygons,
     land_geometry,
     on_land,
+    within,
 )
 from floebmi.errors import InputError
 from floebmi.floes import COAST
@@ -177,6 +178,29 @@ def test_wrong_sizes_of_the_floes_are_refused(radius, thickness, said):
         from_polygons([SQUARE], radius=radius, thickness=thickness)
 
 
+def test_the_shore_is_as_thick_as_it_is_told_or_ten_metres(tmp_path):
+    ring = {"type": "Polygon", "coordinates": [[*SQUARE, SQUARE[0]]]}
+    path = geojson(tmp_path, ring)
+    for make, land in (
+        (from_polygons, ([SQUARE],)), (from_geojson, (path,)), (from_land_fraction, land_to_the_south()),
+    ):  # fmt: skip
+        assert (make(*land, 100.0).floes.thickness == 10.0).all()
+        assert (make(*land, 100.0, 3.0).floes.thickness == 3.0).all()
+
+
+def test_a_coast_beyond_a_periodic_edge_lies_within_at_its_image():
+    domain = Domain((0.0, 3000.0), (0.0, 2000.0), west="periodic", east="periodic")
+    coast = from_polygons([np.array(SQUARE) + (2500.0, 500.0)], radius=100.0)
+    inside = within(coast, domain)
+    floes = inside.floes
+    assert floes.x.min() >= 0.0 and floes.x.max() <= 3000.0 < coast.floes.x.max()
+    np.testing.assert_array_equal(floes.y, coast.floes.y)
+    land = land_geometry(inside.polygons)
+    assert land.bounds == (0.0, 500.0, 3000.0, 1500.0) and land.area == pytest.approx(1e6)
+    large = floes.radius == 100.0
+    assert shapely.distance(land, shapely.points(floes.x, floes.y))[large].max() == 0.0
+
+
 def land_to_the_south(nx=30, ny=20):
     """Land below y = 500 m, its edge within a cell of 100 m given by the fraction."""
     x, y = 50 + 100.0 * np.arange(nx), 50 + 100.0 * np.arange(ny)
@@ -256,6 +280,14 @@ def test_geojson_in_metres_gives_the_coast_of_its_polygons(tmp_path):
     assert land_geometry(coast.polygons).area == 1000**2 - 400**2
     same = from_polygons([SQUARE, LAKE], radius=20.0)
     assert len(coast.floes) == len(same.floes)
+    # with heights, and with the mark that Windows puts before UTF-8
+    rings = with_lake["coordinates"]
+    with_lake["coordinates"] = [[[*point, 7.0] for point in ring] for ring in rings]
+    path = geojson(tmp_path, with_lake)
+    path.write_text(path.read_text(), encoding="utf-8-sig")
+    high = from_geojson(path, radius=20.0)
+    assert {ring.shape[1] for ring in high.polygons} == {2}
+    np.testing.assert_array_equal(high.floes.x, coast.floes.x)
 
 
 def test_edges_of_geojson_in_degrees_follow_their_parallels(tmp_path):

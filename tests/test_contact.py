@@ -13,6 +13,7 @@ from floebmi.contact import (
     Restitution,
     cohesive,
     frictional,
+    lever_arm,
     memories,
     pair_force,
     prepare,
@@ -215,6 +216,7 @@ def test_a_bond_breaks_at_its_strength_and_can_form_again():
     floes.u[1] = -1e-2
     model.advance(30.0)
     assert model.contacts().bonded.all() and len(model.contacts().i) == 1
+    assert model.counters.bonds_broken == 1
 
 
 def energy_that_a_break_leaves_unbooked(speed, step, law, holds_on):
@@ -285,6 +287,8 @@ def test_the_papers_lever_arm_breaks_angular_momentum_and_the_default_does_not()
 
     assert drift(Coulomb()) < 1e-12
     assert drift(Damsgaard2018Coulomb()) > 1e-6
+    assert lever_arm(Coulomb(), 5.0, 20.0, -0.2) == 4.9
+    assert lever_arm(Damsgaard2018Coulomb(), 5.0, 20.0, -0.2) == 8.0  # the harmonic mean of both
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ from coupling.regrid import Regrid
 from coupling.slab import MOMENTUM, RECEIVED, STRESS, SURFACE, TwoSlabOcean
 from floebmi.errors import InputError
 from floebmi.grid import Grid
+from floebmi.variables import outputs
 
 OCEAN = """
 [grid]
@@ -421,6 +422,42 @@ def test_ice_fraction_keeps_its_area_and_thickness_its_volume(ocean):
     volume = (got[FRACTION] * got[THICKNESS] * area).sum()
     np.testing.assert_allclose(volume, (ice_area * ice.values[THICKNESS]).sum(), rtol=1e-12)
     assert got[THICKNESS][got[THICKNESS] > 0].min() >= 1.0  # never thinned by open water
+
+
+def test_what_is_per_cell_area_crosses_with_its_integral_kept(ocean):
+    """All such outputs of the table; the cells of the ice cover those of the host in part."""
+    units = {
+        row.csdms: row.units
+        for row in outputs()
+        if row.units in ("Pa", "kg m-2", "kg m-2 s-1") or row.name.endswith("fraction")
+        if row.grid == "exchange" and row.csdms not in (*STRESS, *OVER_ICE)
+    }
+    assert len(units) == 7
+    got, model, cells = {}, ocean(), hexagons()
+    host = Altered(
+        model,
+        get_input_var_names=lambda: tuple(units),
+        get_var_grid=lambda name: 0 if name in units else model.get_var_grid(name),
+        get_var_units=lambda name: units.get(name) or model.get_var_units(name),
+        get_var_location=lambda name: "node",
+        get_var_type=lambda name: "float64",
+        get_var_itemsize=lambda name: 8,
+        get_var_nbytes=lambda name: 480 if name in units else model.get_var_nbytes(name),
+        set_value=lambda name, values: got.update({name: values}),
+    )
+    field = np.linspace(1.0, 2.0, cells.size)
+    ice = Ice(cells)
+    ice.values |= {name: field * (k + 1) for k, name in enumerate(units)}
+    names = (*ice.get_output_var_names(), *units)
+    giver = Altered(
+        ice,
+        get_output_var_names=lambda: tuple(dict.fromkeys(names)),
+        get_var_units=lambda name: units.get(name) or ice.get_var_units(name),
+    )
+    couple(host, giver, every=600.0, until=600.0)
+    area = bmi_grid(ocean(), SURFACE[0]).area
+    for k, name in enumerate(units):
+        assert (got[name] * area).sum() == pytest.approx((k + 1) * field @ cells.area), name
 
 
 def test_means_over_the_ice_are_weighted_by_what_makes_them_amounts_again():

@@ -57,6 +57,30 @@ def test_a_floe_that_leaves_in_contact_does_not_take_momentum_that_is_not_its_ow
     assert model.ledger.balance("momentum_x").relative < 1e-12
 
 
+def test_a_floe_that_leaves_in_contact_takes_the_energy_of_the_contact():
+    floes = Floes([480.38, 499.98], 0.0, 10.0, 1.0, u=[2.0, 2.0])
+    model = Model(DOMAIN, floes, contact=Contact(), step=Step(fraction=0.03))
+    model.advance(0.015)
+    model.advance(0.015)
+    assert floes.active.tolist() == [True, False]
+    assert model.ledger.balance("energy").relative < 1e-3
+
+
+def test_counters_count_the_floes_that_are_there_their_pairs_and_all_steps():
+    floes = Floes([0.0, 20.1, 400.0], 0.0, 10.0, 1.0)
+    floes.active[2] = False
+    model = Model(DOMAIN, floes, contact=Contact(), step=Step(fraction=0.03))
+    long = model.longest_step()
+    for duration, steps in ((0.5 * long, 1), (5 * long, 5), (0.75 * long, 1)):
+        before = model.counters.steps
+        model.advance(duration)
+        assert model.counters.steps - before == steps
+    counters = model.counters
+    assert (counters.steps, counters.floe_steps, counters.pairs) == (7, 14, 7)
+    assert counters.shortest_step == pytest.approx(0.5 * long)
+    assert counters.longest_step == pytest.approx(long)
+
+
 @pytest.mark.parametrize("step", [Step(fraction=0.03), PAPER])
 def test_an_oblique_collision_follows_elastic_theory(step):
     floes = Floes([0.0, 19.0], [10.0, 0.0], 10.0, 1.0, u=[0.1, 0.0], motion=[0, FIXED])

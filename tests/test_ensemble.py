@@ -3,11 +3,12 @@
 import os
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from floebmi import ensemble
+from floebmi import __version__, ensemble
 from floebmi.ensemble import Output
 from floebmi.errors import InputError
 
@@ -59,7 +60,7 @@ def tell_threads(p, seed):
 
 
 def test_members_become_one_data_set_with_a_dimension_for_each_parameter_and_the_seeds(tmp_path):
-    done = ensemble.run(member, {}, SWEEP, (3, 5), tmp_path / "m", jobs=1)
+    done = ensemble.run(member, {}, SWEEP, (5, 3), tmp_path / "m", jobs=1)
     data = ensemble.gather(done, OUTPUTS, COORDINATES, {"a": ("m", "first")})
     assert data["sum"].dims == ("a", "b", "seed")
     assert float(data["sum"].sel(a=2.0, b=30.0, seed=5)) == 37.0
@@ -92,8 +93,20 @@ def test_members_of_other_parameters_are_refused(tmp_path):
     ensemble.run(member, {"c": 1.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
     with pytest.raises(InputError, match=r"c = 1.0 there, 2.0 here"):
         ensemble.run(member, {"c": 2.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    with pytest.raises(InputError, match=r"c = 1.0 there, None here"):
+        ensemble.run(member, {}, SWEEP, (1,), tmp_path / "m", jobs=1)
     with pytest.raises(InputError, match="moody|member"):
         ensemble.run(moody, {"c": 1.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    note = tmp_path / "m" / "ensemble.json"
+    note.write_text(note.read_text().replace(__version__, "0.0.1"))
+    with pytest.raises(InputError, match="floebmi 0.0.1 there"):
+        ensemble.run(member, {"c": 1.0}, SWEEP, (1,), tmp_path / "m", jobs=1)
+
+
+def test_a_parameter_of_several_numbers_is_the_same_when_it_is_read_again(tmp_path):
+    for _ in range(2):
+        done = ensemble.run(member, {"c": (1.0, 2.0)}, SWEEP, (1,), tmp_path / "m", jobs=1)
+    assert len(done.members) == 6
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
@@ -207,6 +220,12 @@ def test_an_ensemble_of_failures_only_makes_no_data_set(tmp_path):
         done = ensemble.run(moody, {}, {"a": (2.0,)}, (1,), tmp_path / "m", jobs=1)
     with pytest.raises(InputError, match="no member has finished"):
         ensemble.gather(done, OUTPUTS)
+
+
+def test_the_same_call_runs_on_an_executor(tmp_path):
+    with ThreadPoolExecutor(2) as threads:
+        done = ensemble.run(member, {}, SWEEP, (1, 2), tmp_path / "m", on=threads)
+    assert len(done.members) == 12
 
 
 def test_the_same_call_runs_on_a_dask_client(tmp_path):

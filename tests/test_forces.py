@@ -11,6 +11,7 @@ from floebmi.forces import (
     DRAG_PRESETS,
     FLUID_U,
     FLUID_V,
+    PARAMETER,
     RATE,
     SPIN_RATE,
     AirDrag,
@@ -20,10 +21,15 @@ from floebmi.forces import (
     OceanDrag,
     Tilt,
     acceleration,
+    add_fastest_rate,
     at_floes,
     bulk_coefficient,
+    by_block,
+    lanes,
+    speed_bound,
 )
 from floebmi.grid import Grid
+from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.vorticity import Vorticity, gradient_operators
 
@@ -170,6 +176,56 @@ def test_the_presets_are_those_of_the_table():
         1000 * (0.5 * 0.85 * 2 * 50 * 0.9 + 5e-4 * 4 * 50.0**2), rel=1e-12
     )
     assert coefficient["constant-cd"] == 5.5e-3
+    freeboard = np.array([0.1])
+    for name, density, newtons in (
+        ("damsgaard2018", 1.3, np.pi * (0.064 * 2 * 50 * 0.1 + 8e-5 * 50.0**2)),
+        ("granular.jl-0.3.2", 1.2754, 0.5 * 0.85 * 2 * 50 * 0.1 + 2.5e-4 * 4 * 50.0**2),
+        ("constant-cd", 1.3, 1.2e-3 * np.pi * 50.0**2),
+    ):  # of the wind, over its density
+        air = DRAG_PRESETS[name][1]
+        assert air.density == density
+        assert np.pi * 50.0**2 * bulk_coefficient(air, radius, freeboard) == pytest.approx(newtons)
+    assert [ocean.density for ocean, _ in DRAG_PRESETS.values()] == [1000.0, 1000.0, 1026.0]
+
+
+ROWS = {"u": FLUID_U, "v": FLUID_V, "f": PARAMETER}
+
+
+def table_of(force, rotation=False, **rows):
+    """A table by block of one floe, with these rows."""
+    floe = Floes(0.0, 0.0, 100.0, 1.0)
+    at = at_floes(
+        force, floe.radius, floe.thickness, 0.9 * floe.thickness, 934.0, rotation, floe.land
+    )
+    table = by_block(at, np.zeros(1, int))
+    for row, value in rows.items():
+        lanes(table, ROWS[row])[0, 0] = value
+    return at, table
+
+
+def test_a_step_is_as_short_for_a_field_of_coriolis_parameters_as_for_one_and_for_a_fast_spin():
+    for force, here in ((Coriolis(-2e-4), {}), (CoriolisField(), {"f": -2e-4})):
+        rate = np.zeros((1, BLOCK))
+        add_fastest_rate(force, table_of(force, **here)[1], 1.0, 1.0, rate)
+        assert rate[0, 0] == pytest.approx(16 * 2e-4)
+    at, table = table_of(OceanDrag(), True, u=0.3, v=0.4)
+    for speed, spin, bound in (
+        (1.0, 0.0, 2 * 1.5 * at[RATE, 0]),
+        (0.0, 9.0, 2 * 9 * at[SPIN_RATE, 0]),
+    ):
+        rate = np.zeros((1, BLOCK))
+        add_fastest_rate(OceanDrag(), table, speed, spin, rate)
+        assert rate[0, 0] == pytest.approx(bound)
+
+
+def test_the_bound_on_the_speed_is_that_at_which_the_ocean_balances_what_pushes():
+    at, water = table_of(OceanDrag())
+    for push, here in (
+        (BodyForce(0.0, -0.01), {}), (BodyForce(0.006, 0.008), {}), (Tilt(10.0), {"u": 6e-4, "v": 8e-4}),
+    ):  # fmt: skip
+        tables = water, table_of(push, **here)[1]
+        bound = speed_bound((OceanDrag(), push), tables, 0.2)
+        assert bound == pytest.approx(0.2 + np.sqrt(0.01 / at[RATE, 0]))
 
 
 def test_vorticity_spins_a_floe_up_to_half_the_curl_and_no_further():

@@ -181,6 +181,48 @@ def test_components_of_unknown_orientation_are_refused_on_a_curvilinear_grid(tmp
     np.testing.assert_allclose(u + 1j * v, (0.1 + 0.1j) * np.exp(1j * ROMS_TURN), atol=1e-6)
 
 
+AXES = {  # by the names of variables, and by standard names
+    ("ocean", "east"): (
+        ("water_u", "water_v"), ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
+        ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity"),
+    ),
+    ("ocean", "grid"): (
+        ("vozocrtx", "vomecrty"), ("sozocrtx", "somecrty"), ("UVEL", "VVEL"),
+        ("sea_water_x_velocity", "sea_water_y_velocity"), ("x_sea_water_velocity", "y_sea_water_velocity"),
+        ("surface_sea_water_x_velocity", "surface_sea_water_y_velocity"),
+    ),
+    ("wind", "east"): (
+        ("u10", "v10"), ("uas", "vas"), ("U10M", "V10M"), ("u10m", "v10m"), ("eastward_wind", "northward_wind"),
+    ),
+    ("wind", "grid"): (
+        ("x_wind_10m", "y_wind_10m"), ("x_wind", "y_wind"), ("grid_eastward_wind", "grid_northward_wind"),
+    ),
+    ("ocean", None): (("uo", "vo"),),
+    ("wind", None): (("U10", "V10"), ("Uwind", "Vwind")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "axes", "names"), [(*key, names) for key, pairs in AXES.items() for names in pairs]
+)
+def test_a_name_tells_the_axes_of_its_components_or_does_not(tmp_path, kind, axes, names):
+    """On cells that are turned against east."""
+    data = roms()[["lon_rho", "lat_rho"]].rename({"lon_rho": "lon", "lat_rho": "lat"})
+    for name, value in zip(names, (0.1, 0.2), strict=True):
+        standard = {"standard_name": name} if name.endswith(("_wind", "_velocity")) else {}
+        called = f"component_{value}" if standard else name
+        data[called] = (("eta_rho", "xi_rho"), np.full((20, 24), value), M_PER_S | standard)
+    path, grid = saved(data, tmp_path), around(10, 75)
+    if axes is None:
+        with pytest.raises(InputError, match="nothing says whether"):
+            VelocityFile(path, grid, kind=kind, projection=POLAR)
+        return
+    x, y = velocity(VelocityFile(path, grid, kind=kind, projection=POLAR), grid)
+    east = np.radians(to_lonlat(POLAR, grid.x, grid.y)[0] + 45)
+    turned = (0.1 + 0.2j) * np.exp(1j * (east if axes == "east" else ROMS_TURN))
+    np.testing.assert_allclose(x + 1j * y, turned, atol=1e-4)
+
+
 def test_a_point_series_is_the_same_everywhere_and_turned_to_the_plane_only_if_there_is_one(
     tmp_path,
 ):

@@ -82,6 +82,7 @@ def test_area_fractions_that_are_only_capped_lose_the_overlap():
     both = grid.area * (fields["area_fraction"] + fields["overlap_fraction"])
     assert both.sum() == pytest.approx(inside, rel=1e-12)
     assert fields["area_fraction"].max() == 1
+    assert fields["porosity"].min() == 0  # where floes lie on each other, too
 
 
 @settings(deadline=None, max_examples=60)

@@ -7,13 +7,39 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_examples import ROOT, example
 
+from coupling.books import Books
+from coupling.veros import SeaIce, surface_cells
+from floebmi import Domain, Floes, Grid, Model, frictional
 from floebmi.errors import InputError
+from floebmi.forces import AirDrag, CoriolisField, OceanDrag, Tilt
 from floebmi.output import load_restart
+
+
+def test_a_line_of_the_books_is_of_its_exchange_and_goes_on_from_a_file(tmp_path):
+    grid = Grid.uniform((0.0, 4e3), (0.0, 2e3), spacing=2e3)
+    floes = Floes([1e3, 3e3], 1e3, 500.0, 1.0, u=[0.3, 0.2])
+    model = Model(Domain((0.0, 4e3), (0.0, 2e3)), floes, forces=[OceanDrag()], grid=grid)
+    books, host = Books(model), np.array([5.0, -6.0])
+    for number, duration in ((1, 60.0), (2, 30.0)):
+        books.open()
+        model.advance(duration)
+        to_host = np.array([model.ocean.last_x.sum(), model.ocean.last_y.sum()])
+        line = books.close(to_host, np.zeros(2), host)
+        assert (line.number, line.duration, line.host.tolist()) == (number, duration, [5.0, -6.0])
+        assert line.relative < 1e-12
+    books.save(tmp_path / "books.nc")
+    again = Books(model)
+    again.load(tmp_path / "books.nc")
+    again.open()
+    model.advance(10.0)
+    assert again.close(np.zeros(2), np.zeros(2)).number == 3
+    assert again.last.turnover > line.turnover and again.last.time == 100.0
 
 
 @pytest.fixture
@@ -347,6 +373,130 @@ def test_a_run_on_veros_that_was_cut_off_goes_on_to_the_same_result(veros, tmp_p
     assert b.ledger[-1].time == a.ledger[-1].time
     np.testing.assert_allclose(b.ledger[-1].to_host, a.ledger[-1].to_host, rtol=1e-11)
     assert b.ledger[-1].turnover == pytest.approx(a.ledger[-1].turnover, rel=1e-12)
+
+
+# ---- what `SeaIce` reads and writes of Veros' arrays, without Veros ------------------------------------
+
+
+def made_up_veros(**settings):
+    """A state of 5 × 5 cells within ghost cells of two, as Veros has it; 3 layers, the last the surface.
+
+    One cell of the surface is land; the layers below are land in other places.  Cells differ in both directions.
+    """
+    nx, ny = 9, 9
+    dxt, dyt = 1e3 * np.linspace(1.0, 1.8, nx), 1e3 * np.linspace(2.0, 3.6, ny)
+    xu, yu = np.cumsum(dxt) - dxt[:2].sum(), np.cumsum(dyt) - dyt[:2].sum()  # east and north faces
+    xt, yt = xu - 0.5 * dxt, yu - 0.5 * dyt
+    inner = np.zeros((nx, ny))
+    inner[2:-2, 2:-2] = 1.0
+    maskT = np.stack([inner, inner, inner], axis=2)
+    maskT[4, 4, 2] = maskT[2, 5, :2] = 0.0
+    maskU, maskV = np.zeros_like(maskT), np.zeros_like(maskT)
+    maskU[:-1], maskV[:, :-1] = (
+        np.minimum(maskT[:-1], maskT[1:]),
+        np.minimum(maskT[:, :-1], maskT[:, 1:]),
+    )
+    dxu, dyu = np.append(np.diff(xt), dxt[-1]), np.append(np.diff(yt), dyt[-1])
+    slope = 2e-6 * xt[:, None] - 3e-6 * yt[None, :]
+    variables = SimpleNamespace(
+        xu=xu, yu=yu, dxt=dxt, dyt=dyt, dxu=dxu, dyu=dyu, dzt=np.array([100.0, 30.0, 10.0]),
+        dzw=np.array([65.0, 20.0, 10.0]), maskT=maskT, maskU=maskU, maskV=maskV,
+        area_u=dxu[:, None] * dyt, area_v=dxt[:, None] * dyu,
+        coriolis_t=1e-4 * np.ones((nx, 1)) + 1e-8 * np.arange(ny) + 1e-7 * np.arange(nx)[:, None],
+        psi=np.stack([0.0 * slope, 9.81 * slope, 0.0 * slope], axis=2), tau=1, time=0.0, itt=0,
+        u=np.zeros((nx, ny, 3, 3)), v=np.zeros((nx, ny, 3, 3)), forc_tke_surface=np.zeros((nx, ny)),
+        surface_taux=None, surface_tauy=None,
+    )  # fmt: skip
+    variables.u[:, :, 2, 1], variables.v[:, :, 2, 1] = 0.3, -0.1  # at the surface, now
+    given = {
+        "dt_mom": 900.0, "dt_tracer": 900.0, "coord_degree": False, "enable_cyclic_x": False,
+        "enable_streamfunction": False, "enable_tke": True, "rho_0": 1025.0, "grav": 9.81,
+        "restart_frequency": 0.0,
+    }  # fmt: skip
+    return SimpleNamespace(variables=variables, settings=SimpleNamespace(**given | settings))
+
+
+def ice_of(state, x, y, radius, every=1800.0):
+    cells = surface_cells(state)
+    forces = [OceanDrag(), AirDrag(), CoriolisField(), Tilt()]
+    floes = Floes(x, y, radius, 1.0)
+    model = Model(Domain(*cells_box(cells)), floes, frictional(), forces, cells)
+    return SeaIce(state, model, every=every)
+
+
+def cells_box(cells):
+    west, east, south, north = cells.bounds
+    return (west, east), (south, north)
+
+
+def test_the_cells_of_the_ice_are_those_of_the_surface_of_veros():
+    state = made_up_veros()
+    vs, cells = state.variables, surface_cells(state)
+    np.testing.assert_allclose(cells.x_edges, np.append(0.0, np.cumsum(vs.dxt[2:-2])))
+    np.testing.assert_allclose(cells.y_edges, np.append(0.0, np.cumsum(vs.dyt[2:-2])))
+    assert np.argwhere(~cells.wet.reshape(cells.shape)).tolist() == [[2, 2]]  # row, column
+
+
+def test_the_ice_reads_of_veros_what_its_forces_need():
+    state = made_up_veros()
+    vs, ice = state.variables, ice_of(state, [3e3], [8e3], 500.0)
+    none = np.zeros_like(vs.area_u)
+    ice.force(state, none, none)
+    ocean, wet = ice.model.ocean, ice.model.grid.wet
+    for name, value in (("u", 0.3), ("v", -0.1), ("tilt_x", 2e-6), ("tilt_y", -3e-6)):
+        np.testing.assert_allclose(getattr(ocean, name)[wet], value, rtol=1e-12, err_msg=name)
+    np.testing.assert_array_equal(ocean.coriolis, vs.coriolis_t[2:-2, 2:-2].T.ravel())
+    assert ocean.layer_thickness == 10.0
+
+
+def test_what_stirs_the_water_is_of_the_wind_beside_the_ice_and_of_the_ice():
+    state = made_up_veros()
+    vs, ice = state.variables, ice_of(state, [3e3, 4.5e3], [8e3, 5.5e3], [700.0, 500.0])
+    wind = np.full_like(vs.area_u, 0.2) + 0.01 * np.arange(9)[:, None]
+    ice.force(state, wind, 0.5 * wind)
+    a = ice.fraction.T
+    ocean = ice.model.ocean
+    of_ice = ocean.magnitude.reshape(a.shape[::-1]).T / 1800.0  # |τ| over time, per cell
+    x = 0.5 * (wind[2:-2, 2:-2] + wind[1:-3, 2:-2])  # of the faces on both sides of a cell
+    of_air = np.hypot(x, 0.5 * wind[2:-2, 2:-2])
+    per_ice = np.divide(of_ice, a, out=np.zeros_like(a), where=a > 0)
+    expected = (1 - a) * (of_air / 1025.0) ** 1.5 + a * (per_ice / 1025.0) ** 1.5
+    np.testing.assert_allclose(vs.forc_tke_surface[2:-2, 2:-2], expected, rtol=1e-12)
+    assert 0 < a.max() < 1 and of_ice.max() > 0
+
+
+def test_the_impulse_of_ice_in_a_cell_without_open_faces_is_told_as_undelivered():
+    state = made_up_veros()
+    state.variables.maskU[1:3, 2] = state.variables.maskV[2, 1:3] = 0.0  # around the first cell
+    ice = ice_of(state, [600.0], [1200.0], 400.0)
+    state.variables.u[..., 1] = 0.0
+    ice.model.floes.u[:] = 0.2
+    ice.force(state, *np.zeros((2, 9, 9)))
+    line = ice.ledger[-1]
+    assert line.to_host.tolist() == [0.0, 0.0] and line.undelivered[0] > 0.0
+    assert line.relative < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("settings", "every", "said"),
+    [
+        ({"coord_degree": True}, 1800.0, "coord_degree = True: floes need metres"),
+        ({"dt_tracer": 450.0}, 1800.0, "dt_tracer = 450 s, dt_mom = 900 s: must be equal"),
+        ({}, 1000.0, "every = 1000 s: must be a whole number of Veros' steps, 900 s"),
+        ({}, 400.0, "every = 400 s: must be a whole number"),
+    ],
+)
+def test_what_does_not_fit_veros_is_refused(settings, every, said):
+    with pytest.raises(InputError, match=said):
+        ice_of(made_up_veros(**settings), [3e3], [8e3], 500.0, every)
+
+
+def test_a_model_of_other_cells_is_refused():
+    state = made_up_veros()
+    model = ice_of(state, [3e3], [8e3], 500.0).model
+    state.variables.xu = state.variables.xu + 1.0
+    with pytest.raises(InputError, match="grid must be surface_cells"):
+        SeaIce(state, model, every=1800.0)
 
 
 # ---- YAC ----------------------------------------------------------------------------------------------

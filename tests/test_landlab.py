@@ -26,10 +26,11 @@ from landlab.components import COMPONENTS
 import coupling.landlab
 from coupling.landlab import FRACTION, THICKNESS, SeaIceFloes, _of_scene, cells_of
 from floebmi.boundaries import Domain
-from floebmi.coast import from_polygons
+from floebmi.coast import from_polygons, on_land
+from floebmi.contact import Contact, Elastic, frictional
 from floebmi.errors import InputError
 from floebmi.floes import Floes
-from floebmi.forces import AirDrag, OceanDrag
+from floebmi.forces import AirDrag, CoriolisField, OceanDrag, Tilt
 from floebmi.gridding import area_budget
 from floebmi.sizes import SingleSize
 from floebmi.variables import VARIABLES
@@ -99,6 +100,8 @@ def test_every_field_says_all_that_landlab_wants_and_nothing_else():
 
 def test_the_fields_are_those_of_the_table_and_no_two_components_tell_a_field_differently():
     assert set(SeaIceFloes._info) == {row.csdms for row in VARIABLES}
+    for row in VARIABLES:  # the signs, too
+        assert (row.positive or "") in SeaIceFloes._info[row.csdms]["doc"]
     for other in COMPONENTS:
         for name in set(other._info) & set(SeaIceFloes._info):
             assert other._info[name]["doc"] == SeaIceFloes._info[name]["doc"]
@@ -227,6 +230,16 @@ def test_beside_a_coast_the_mass_outside_is_that_of_the_ice_alone():
         coast=from_polygons([ring], 100.0),
     )
     assert ice.mass_outside == pytest.approx(934.0 * np.pi * 300.0**2, rel=1e-12)
+
+
+def test_only_closed_nodes_and_the_coast_are_land():
+    grid = RasterModelGrid((7, 7), xy_spacing=1000.0)
+    grid.status_at_node[24] = grid.BC_NODE_IS_FIXED_VALUE  # a lake's level, say: water
+    grid.status_at_node[23] = grid.BC_NODE_IS_CLOSED
+    land = from_polygons([[(800.0, 800.0), (1300.0, 800.0), (1300.0, 1300.0), (800.0, 1300.0)]], 99.0)  # fmt: skip
+    for coast, dry in ((None, [23]), (land, [8, 23])):
+        wet = SeaIceFloes(grid, coast=coast).model.grid.wet
+        assert grid.node_at_cell[~wet].tolist() == dry
 
 
 def test_closed_nodes_have_no_water():
@@ -362,6 +375,43 @@ def test_floes_come_from_a_concentration_from_fields_or_from_a_scene(tmp_path):
     assert len(ice.model.floes) == 1 and ice.model.grid.size == 100
 
 
+def test_floes_from_numbers_or_fields_are_of_their_seed_and_off_the_coast():
+    ring = 1e3 * np.array([[4.0, 4.0], [8.0, 4.0], [8.0, 8.0], [4.0, 8.0]])
+    coast = from_polygons([ring], 100.0)
+    for given in ({"concentration": 0.4}, {}):
+        places = []
+        for seed in (1, 2):
+            grid = RasterModelGrid((12, 12), xy_spacing=1000.0)
+            if not given:
+                grid.add_field(FRACTION, np.full(144, 0.4), at="node")
+                grid.add_ones(THICKNESS, at="node")
+            ice = SeaIceFloes(grid, sizes=(250.0, 400.0), coast=coast, seed=seed, **given)
+            floes = ice.model.floes
+            places_of_ice = floes.x[~floes.land], floes.y[~floes.land]
+            assert not on_land([ring], *places_of_ice, ice.model.domain).any()
+            assert ice.model.seed == seed
+            assert ice.data_record.dataset.sizes["item_id"] == (~floes.land).sum() > 20
+            places.append(floes.x[:10].tolist())
+        assert places[0] != places[1]
+
+
+def test_laws_are_those_that_are_given_or_those_of_the_text():
+    grid = RasterModelGrid((5, 5), xy_spacing=1000.0)
+    model = SeaIceFloes(grid).model
+    assert model.forces == (OceanDrag(), AirDrag(), Tilt(), CoriolisField())
+    assert model.contact == frictional()
+    soft = Contact(Elastic(1e6))
+    assert SeaIceFloes(grid, contact=soft).model.contact == soft
+
+
+def test_the_box_does_not_follow_cells_of_the_rim_that_reach_beyond_all_nodes():
+    grid = VoronoiDelaunayGrid(*random_places())
+    assert grid.y_of_corner.max() > grid.y_of_node.max() + 100.0
+    domain = SeaIceFloes(grid).model.domain
+    for low, high, nodes in ((*domain.x, grid.x_of_node), (*domain.y, grid.y_of_node)):
+        assert nodes.min() <= low < high <= nodes.max()
+
+
 def test_a_scene_keeps_what_it_says_but_for_the_cells(tmp_path):
     (tmp_path / "said.toml").write_text(
         "contact = 'frictional'\nsampling = 'centre'\nseed = 5\nthreads = 2\n"
@@ -378,6 +428,24 @@ def test_a_scene_keeps_what_it_says_but_for_the_cells(tmp_path):
     assert (model.ice_density, model.draft_fraction, model.step.fraction) == (900.0, 0.8, 0.2)
     assert model.walls[0].velocity == -0.1 and model.inflow[0].edge == "west"
     assert model.ocean.layer_thickness == 12.0 and model.grid.size == 100
+    (tmp_path / "still.toml").write_text("[domain]\nx = [500, 10500]\ny = [500, 10500]\n[ocean]\n")
+    still = _of_scene(tmp_path / "still.toml", model.grid)
+    assert model.floes.rotation and not still.floes.rotation
+
+
+@pytest.mark.parametrize(
+    ("table", "name"),
+    [
+        ("[ocean]\nvelocity = [0.1, 0.0]", "ocean"),
+        ("[ocean]\n[atmosphere]\nvelocity = [5.0, 0.0]", "atmosphere"),
+        ("[ocean]\n[tilt]\nslope = [1e-6, 0.0]", "tilt"),
+    ],
+)
+def test_a_scene_whose_water_or_wind_has_numbers_of_its_own_is_refused(tmp_path, table, name):
+    path = tmp_path / "own.toml"
+    path.write_text(f"[domain]\nx = [500, 10500]\ny = [500, 10500]\n{table}\n")
+    with pytest.raises(InputError, match=rf"\[{name}\] has numbers of its own"):
+        SeaIceFloes(RasterModelGrid((12, 12), xy_spacing=1000.0), scene=path)
 
 
 def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
@@ -475,6 +543,9 @@ def test_floes_are_a_data_record_with_the_cell_of_each():
     assert record.dataset["element_id"].values.ravel().tolist() == [0, 15, -1]
     assert record.dataset["sea_ice_floe_center__x_coordinate"].values.ravel().tolist() == [600.0, 4100.0, 450.0]  # fmt: skip
     assert record.dataset.time.values.tolist() == [0.0]
+    ice.run_one_step(60.0)
+    later = ice.data_record.dataset
+    assert later.time.values.tolist() == [60.0] and later.attrs["time_units"] == "s"
     grouped = record.calc_aggregate_value(
         func=xr.Dataset.count, data_variable="sea_ice_floe__radius", at="cell"
     )

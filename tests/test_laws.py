@@ -126,6 +126,13 @@ def test_a_beam_breaks_in_shear_at_its_shear_strength_and_leaves_friction(fricti
     assert (still.bonded, apart.bonded, again.bonded) == (-1.0, 0.0, 1.0)
 
 
+def test_a_young_beam_resists_shear_with_its_share_of_the_strength():
+    law = Contact(bonds=BEAM._replace(healing=Healing(1.0)))
+    before, after = last_bonded(law, -1e-3, (0.0, 0.1, 0.0), 2.0, Memory(bonded=0.5))
+    assert -before.f_t == pytest.approx(50e3 * R, rel=0.01)
+    assert after.bonded == -1.0
+
+
 def test_a_beam_breaks_in_bending_where_its_outer_fibre_has_the_tensile_strength():
     before, after = last_bonded(Contact(bonds=BEAM), -1e-6, (0.0, 0.0, 0.02), 2.0)
     assert before.moment == pytest.approx(STRENGTH * R**2 / 6, rel=0.01)

@@ -25,7 +25,7 @@ from floebmi.output import (
     open_file,
     save_restart,
 )
-from floebmi.variables import FLOE_VARIABLES, VARIABLES
+from floebmi.variables import FLOE_VARIABLES, VARIABLES, find
 
 POLAR = "EPSG:3413"
 
@@ -78,6 +78,20 @@ def test_every_field_stands_in_the_file_with_the_attributes_of_the_table(run, gr
         assert attributes["csdms_name"] == row.csdms
         assert attributes.get("standard_name") == row.cf
         assert attributes.get("comment", "") == row.positive
+        assert attributes["cell_methods"] == row.mean
+
+
+def test_the_file_says_over_what_its_numbers_are_means(gridded):
+    mean = "area: mean"
+    for name, told in (
+        ("area_fraction", f"{mean} time: point"),
+        ("thickness", f"{mean} where sea_ice time: point"),
+        ("floe_count", "area: sum time: point"),
+        ("mean_radius", f"{mean} (over floes) time: point"),
+        ("ocean_stress_x", f"{mean} time: mean"),
+        ("wind_x", f"{mean} time: point"),
+    ):
+        assert gridded[find(name).file_name].attrs["cell_methods"] == told
 
 
 def test_land_is_missing_and_open_water_has_no_thickness(run, gridded):
@@ -138,6 +152,10 @@ def test_latitude_and_longitude_are_those_of_the_projection(run, gridded, floes)
     np.testing.assert_allclose(gridded.longitude, longitude, rtol=0, atol=1e-9)
     longitude, latitude = to_globe.transform(floes.x.values[0], floes.y.values[0])
     np.testing.assert_allclose(floes.latitude[0], latitude, rtol=0, atol=1e-9)
+    for data in (gridded, floes):
+        for name, units in (("longitude", "degrees_east"), ("latitude", "degrees_north")):
+            attributes = data[name].attrs
+            assert (attributes["units"], attributes["standard_name"]) == (units, name)
     assert pyproj.CRS.from_cf(gridded.crs.attrs) == pyproj.CRS(POLAR)
     assert gridded.sea_ice_thickness.attrs["grid_mapping"] == "crs"
     assert gridded.crs.attrs["latitude_of_projection_origin"] == 90.0

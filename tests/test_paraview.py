@@ -26,6 +26,12 @@ def arrays(path, block):
     return found
 
 
+def said(path):
+    """What the elements of the mesh and of its piece say of themselves: by these words a reader makes room."""
+    mesh = ElementTree.parse(path).getroot()[0]
+    return mesh.attrib, mesh.find("Piece").attrib
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     return small_run(tmp_path_factory.mktemp("run"))
@@ -57,6 +63,8 @@ def test_floes_are_points_to_the_last_bit_without_those_that_are_not_there(run, 
             assert (points["contact_count"] == data.contact_count.values[k, here]).all()
             verts = arrays(path, "Verts")
             assert (verts["offsets"] == np.arange(here.sum()) + 1).all()
+            n = str(here.sum())
+            assert said(path) == ({}, {"NumberOfPoints": n, "NumberOfVerts": n})
     assert here.sum() == 17
 
 
@@ -75,9 +83,14 @@ def test_fields_are_cells_of_the_right_shape_on_each_kind_of_grid(tmp_path, kind
         corners = arrays(path, "Coordinates")
         np.testing.assert_allclose(corners["x"], model.grid.x_edges)
         np.testing.assert_allclose(corners["y"], model.grid.y_edges)
+        assert list(corners) == ["x", "y", "z"]  # VTK goes by the order
+        extent = "0 {1} 0 {0} 0 0".format(*model.grid.shape)
+        assert said(path) == ({"WholeExtent": extent}, {"Extent": extent})
         return
     nodes, polygons = arrays(path, "Points")["nodes"], arrays(path, "Cells")
     assert (polygons["types"] == 7).all()
+    sizes = {"NumberOfPoints": str(len(nodes)), "NumberOfCells": str(model.grid.size)}
+    assert said(path) == ({}, sizes)
     for cell, corners in enumerate(np.split(polygons["connectivity"], polygons["offsets"][:-1])):
         x, y = nodes[corners, 0], nodes[corners, 1]
         area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))

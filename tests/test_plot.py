@@ -10,14 +10,15 @@ import subprocess
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
-from matplotlib.text import Text
+from matplotlib.colors import to_hex, to_rgb, to_rgba
+from matplotlib.text import Annotation, Text
 from netCDF4 import Dataset
 from small_run import DOMAIN, GRIDS, LAND, small_model, small_run
 
 from floebmi import (
     Domain,
     Floes,
+    Grid,
     InputError,
     Model,
     OceanDrag,
@@ -26,8 +27,9 @@ from floebmi import (
     plot as draw,
 )
 from floebmi.floes import COAST
-from floebmi.output import TrajectoryWriter
+from floebmi.output import GriddedWriter, TrajectoryWriter
 from floebmi.running import run as run_model
+from floebmi.variables import find
 
 
 @pytest.fixture(scope="module")
@@ -117,8 +119,32 @@ def test_colours_are_those_of_the_quantity(run):
 def test_the_colour_scale_holds_all_frames_unless_limits_are_given(run):
     ends = [draw.frame(run[1], time=k).axes[0].collections[-1].get_clim() for k in (0, 3)]
     assert ends[0] == ends[1]
-    figure = draw.frame(run[1], limits=(0.0, 0.25))
-    assert figure.axes[0].collections[-1].get_clim() == (0.0, 0.25)
+    for limits, beyond in (((0.0, 0.25), ["up"]), ((0.05, 2.0), ["down"]), ((0.0, 2.0), [])):
+        figure = draw.frame(run[1], limits=limits)
+        assert figure.axes[0].collections[-1].get_clim() == limits
+        bar = figure.axes[1]  # with a tip where there are values beyond
+        tips = [patch.get_path().get_extents() for patch in bar.patches]
+        assert ["up" if tip.y0 >= limits[1] else "down" for tip in tips] == beyond
+
+
+def test_the_colour_scale_is_of_the_fastest_whenever_it_is(tmp_path):
+    model, path = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0, u=0.1)), tmp_path / "floes.nc"
+    with TrajectoryWriter(path, model) as writer:
+        for model.time, model.floes.u[0] in ((0.0, 0.1), (1.0, 0.7), (2.0, 0.3)):
+            writer.write(model)
+    assert draw.frame(path).axes[0].collections[-1].get_clim() == (0.0, 0.7)
+
+
+def test_whole_numbers_have_a_colour_each_and_many_share_the_last(run, tmp_path):
+    circles = draw.frame(run[1], time=0, color="contact_count").axes[0].collections[-1]
+    assert circles.norm.boundaries.tolist() == [-0.5, 0.5, 1.5]
+    angle = np.linspace(0.0, 2 * np.pi, 9)[:-1]
+    x, y = 5e3 + 1590.0 * np.cos(angle), 5e3 + 1590.0 * np.sin(angle)
+    model = Model(DOMAIN, Floes([5e3, *x], [5e3, *y], [1e3, *8 * [600.0]], 1.0), frictional())
+    with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
+        writer.write(model)
+    scale = draw.frame(tmp_path / "floes.nc", color="contact_count").axes[0].collections[-1].norm
+    assert scale.boundaries.tolist() == [k - 0.5 for k in range(8)] and scale.extend == "max"
 
 
 def test_a_scale_cuts_off_what_stands_out_and_nothing_else(tmp_path):
@@ -170,8 +196,15 @@ def test_title_time_axes_and_size_are_right(run):
     assert axes.get_xlabel() == "x [km]" and axes.get_xlim() == (0.0, 20.0)
     assert axes.get_ylim() == (0.0, 16.0)
     assert pixels(figure).shape[1] == 800
-    texts = " ".join(text.get_text() for text in axes.texts)
+    assert axes.get_ylabel() == "y [km]"
+    texts = {text.get_text(): text for text in axes.texts}
     assert "mean wind 8.9 m/s" in texts and "2 km" in texts
+    (bar,) = (line for line in axes.lines if len(line.get_xdata()) == 2)
+    ends = axes.transData.inverted().transform(bar.get_transform().transform(bar.get_xydata()))
+    assert np.ptp(ends[:, 0]) == pytest.approx(2.0)
+    (arrow,) = (text for text in axes.texts if isinstance(text, Annotation))
+    way = np.subtract(arrow.xy, arrow.xyann)
+    assert way / np.hypot(*way) == pytest.approx(np.array([8.0, -4.0]) / 80**0.5)
 
 
 def test_a_long_title_does_not_run_into_the_time(tmp_path):
@@ -198,13 +231,60 @@ def test_a_long_title_does_not_run_into_the_time(tmp_path):
 def test_elapsed_time_is_shown_where_the_run_has_no_date(tmp_path):
     path = written(tmp_path, DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
     assert draw.frame(path).axes[0].get_title("right") == "t = 60 s"
+    model = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
+    for end, told, unit in ((7200.0, "t = 120 min", "min"), (9e4, "t = 25 h", "h"), (864e3, "t = 10 d", "d")):  # fmt: skip
+        with TrajectoryWriter(path, model, overwrite=True) as writer:
+            for model.time in (0.0, end):
+                writer.write(model)
+        assert draw.frame(path).axes[0].get_title("right") == told
+        curves = draw.ledger(path).axes[2]
+        assert curves.get_xlabel() == f"time [{unit}]"
+        assert f"t = {curves.lines[0].get_xdata()[-1]:g} {unit}" == told
 
 
-@pytest.mark.parametrize("arrows, length", [("wind", 80**0.5), ("ocean", 0.1)])
-def test_arrows_are_those_of_the_field(run, arrows, length):
-    quiver = draw.frame(run[1], run[0], arrows=arrows).axes[0].collections[-1]
-    np.testing.assert_allclose(np.hypot(quiver.U, quiver.V), length)
-    assert quiver.N == run[2].grid.wet.sum()
+@pytest.mark.parametrize("arrows, vector", [("wind", (8.0, -4.0)), ("ocean", (0.0, 0.1))])
+def test_arrows_are_those_of_the_field(run, arrows, vector):
+    axes = draw.frame(run[1], run[0], arrows=arrows).axes[0]
+    quiver, grid = axes.collections[-1], run[2].grid
+    np.testing.assert_allclose(np.stack([quiver.U, quiver.V], axis=1), [vector] * quiver.N)
+    places = np.stack([grid.x, grid.y], axis=1)[grid.wet] / 1e3
+    np.testing.assert_allclose(sorted(quiver.XY.tolist()), sorted(places.tolist()))
+    assert quiver.scale == pytest.approx(np.hypot(*vector) / (0.045 * 20.0))  # a usual one: 0.9 km
+    key = axes.artists[-1]
+    word = {"wind": "wind 5 m/s", "ocean": "current 0.1 m/s"}[arrows]
+    assert key.text.get_text() == word and f" {key.U:g} " in word
+
+
+def test_arrows_of_stress_are_of_the_stress_on_the_ocean_and_of_the_nearest_time(run, tmp_path):
+    quiver = draw.field(run[0], arrows="stress").axes[0].collections[-1]
+    with Dataset(run[0]) as data:
+        name = find("ocean_stress_x").file_name
+        assert set(quiver.U) <= set(data[name][-1].compressed())
+    model = small_model()
+    floes, fields = tmp_path / "floes.nc", tmp_path / "gridded.nc"
+    with TrajectoryWriter(floes, model) as each, GriddedWriter(fields, model) as seldom:
+        for k, current in enumerate((0.1, 0.2, 0.3, 0.4, 0.5)):
+            model.time, model.ocean.u[:] = 100.0 * k, current
+            each.write(model)
+            if k % 2 == 0:
+                seldom.write(model)
+    for time, current in ((0, 0.1), (2, 0.3), (4, 0.5)):
+        quiver = draw.frame(floes, fields, time=time, arrows="ocean").axes[0].collections[-1]
+        np.testing.assert_allclose(quiver.U, current)
+
+
+def test_a_graticule_says_on_which_side_of_the_equator_and_of_greenwich_its_lines_are(tmp_path):
+    for projection, west_south in (("EPSG:3413", "WN"), ("EPSG:3031", "WS")):
+        north = projection == "EPSG:3413"
+        y = (-3e6, -2.6e6) if north else (2.6e6, 3e6)
+        domain = Domain((-1.4e6, -1.0e6), y)
+        grid = Grid.uniform(domain.x, domain.y, spacing=100e3)
+        model = Model(domain, Floes(-1.2e6, np.mean(y), 5e3, 1.0), forces=[OceanDrag()], grid=grid)
+        path = tmp_path / f"{north}.nc"
+        with GriddedWriter(path, model, projection=projection) as writer:
+            writer.write(model)
+        told = {text.get_text()[-1] for text in draw.field(path).axes[0].texts if "°" in text.get_text()}  # fmt: skip
+        assert told == set(west_south), projection
 
 
 @pytest.mark.parametrize("kind", GRIDS)
@@ -214,6 +294,20 @@ def test_a_field_is_drawn_on_each_kind_of_grid(tmp_path, kind):
     drawn = figure.axes[0].collections[0].get_array().compressed()
     np.testing.assert_array_equal(drawn, model.fields()["area_fraction"][model.grid.wet])
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_a_field_is_of_its_time_and_says_what_it_is(run):
+    figure = draw.field(run[0], "ice_velocity_x", time=1, title="before all")
+    axes, bar = figure.axes
+    with Dataset(run[0]) as data:
+        shown, last = (data[find("ice_velocity_x").file_name][k].compressed() for k in (1, -1))
+    assert axes.collections[0].get_array().compressed().tolist() == shown.tolist() != last.tolist()
+    assert axes.get_title("left") == "before all"
+    assert axes.get_title("right") == "1979-01-15 12:01"
+    assert bar.get_ylabel().endswith("[m s⁻¹]")
+    assert axes.get_facecolor() == to_rgba(draw.WATER)  # where there is no ice
+    assert draw.field(run[0], "ocean_velocity_y").axes[0].get_facecolor() == to_rgba(draw.NOWHERE)
+    assert draw.field(run[0], "area_fraction").axes[0].collections[0].get_clim() == (0.0, 1.0)
 
 
 def test_fields_with_a_sign_get_a_scale_with_zero_in_the_middle(run):
@@ -234,6 +328,18 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
     assert mass.get_ylabel() == "mass [kg]"
     assert along_x.get_ylabel() == "momentum along x [N s]"
+
+
+def test_the_ledger_of_a_run_that_goes_on_begins_with_its_first_frame(tmp_path):
+    model, path = small_model(), tmp_path / "floes.nc"
+    model.advance(100.0)
+    with TrajectoryWriter(path, model) as writer:
+        writer.write(model)
+        model.advance(100.0)
+        writer.write(model)
+    for axes in draw.ledger(path).axes[1:3]:
+        assert {line.get_ydata()[0] for line in axes.lines} == {0.0}
+        assert max(abs(line.get_ydata()[1]) for line in axes.lines) > 0.0
 
 
 def test_no_two_accounts_of_a_ledger_are_drawn_alike(run, tmp_path):
@@ -315,6 +421,9 @@ def test_gif_has_each_nth_frame(run, tmp_path):
     draw.animate(run[1], to=tmp_path / "a.gif", size=300, every=2)
     with Image.open(tmp_path / "a.gif") as film:
         assert film.n_frames == 2
+        assert (
+            film.info["duration"] == 80 and film.info["loop"] == 0
+        )  # 12 frames a second, for ever
 
 
 def test_a_film_that_fails_leaves_nothing_behind(run, tmp_path):
@@ -394,7 +503,12 @@ def test_a_page_holds_the_floes_of_every_frame_and_asks_for_nothing(run, tmp_pat
         radius = data["radius"][:]
         radius = radius[-1] if radius.ndim == 2 else radius
         np.testing.assert_allclose(np.array(told["radius"])[here], radius[here])
+        assert np.ptp(np.array(told["radius"])[here]) > 0  # those that came later have their own
     assert told["title"] == "</script> & more" and len(told["times"]) == 4
+    bar, viridis = told["bar"], matplotlib.colormaps["viridis"]
+    high = draw.frame(trajectories).axes[0].collections[-1].get_clim()[1]
+    assert (bar["low"], bar["high"], told["width"]) == ("0", f"{high:.3g}", "20 km")
+    assert [bar["colours"][k] for k in (0, -1)] == [to_hex(viridis(end)) for end in (0.0, 1.0)]
     land = (np.array(to_rgb(draw.LAND)) * 255).round()
     assert (told["rgb"][:, 15] == land).all() and told["still"][15]
     speeds = {tuple(color) for color in told["rgb"][0, :15]}
@@ -459,6 +573,12 @@ def test_a_page_shows_shores_walls_and_periods(tmp_path):
     assert {tuple(node) for node in told["shores"][0]} == {tuple(node) for node in shore}
     walls = {wall["edge"]: wall["position"] for wall in told["walls"]}
     np.testing.assert_allclose(walls["north"], [700.0, 690.0, 680.0])
+    other = told_by(draw.page(path, tmp_path / "other.html", every=2))
+    assert len(other["times"]) == 2 and other["times"][1] == told["times"][2]
+    walls = {wall["edge"]: wall["position"] for wall in other["walls"]}
+    np.testing.assert_allclose(walls["north"], [700.0, 680.0])
+    line = draw.frame(path, time=1).axes[0].lines[-1].get_xydata()
+    np.testing.assert_allclose(line, [[0.0, 690.0], [1.0, 690.0]])  # across the picture
 
 
 @pytest.mark.parametrize(

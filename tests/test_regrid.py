@@ -217,6 +217,12 @@ def test_on_the_sphere_means_and_integrals_are_kept(pair):
     )
 
 
+def test_a_target_that_almost_fills_the_cap_is_covered_to_its_rim():
+    source = warped((8, 40), (-180, 180, 5, 89.99999), 0.0)
+    target = warped((20, 30), (5, 365, 32, 85), 0.0)
+    np.testing.assert_allclose(Regrid(source, target, "sphere").covered, 1.0, rtol=1e-9)
+
+
 def test_areas_on_the_sphere_are_those_of_the_formulas():
     globe = lonlat((18, 36), (0, 360, -90, 90))
     np.testing.assert_allclose(sphere_area(globe).sum(), 4 * np.pi * EARTH_RADIUS**2, rtol=1e-13)
@@ -265,6 +271,12 @@ def test_a_host_on_the_sphere_gets_the_force_of_ice_in_the_plane():
     assert abs(plane.area / sphere_area(host) - 1).max() > 0.05  # what forgetting it would cost
     equal = project(host, "+proj=laea +lat_0=79 +lon_0=0")
     assert abs(equal.area.sum() / sphere_area(host).sum() - 1) < 0.02
+
+
+def test_land_stays_land_in_the_plane():
+    for box, plane in ((NORTH, "+proj=laea +lat_0=79"), ((0, 360, 80, 90), "+proj=laea +lat_0=90")):
+        wet = np.arange(24) % 5 > 0
+        assert (project(lonlat((4, 6), box, wet=wet), plane).wet == wet).all()
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -421,10 +433,20 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
         )
         np.testing.assert_allclose(file["frac_a"][:], share, atol=1e-14)
         assert {file[name].units for name in ("area_a", "area_b", "overlap_area")} == {"m2"}
+        np.testing.assert_array_equal(file["mask_a"][:], source.wet)
+        np.testing.assert_array_equal(file["mask_b"][:], target.wet)
+        assert file.normalization == "destarea"
     with netCDF4.Dataset(tmp_path / "other.nc", "w") as file:
         file.title = "something else"
     with pytest.raises(InputError, match="not a file of overlap weights"):
         Regrid.from_netcdf(tmp_path / "other.nc", source, target)
+
+
+def test_weights_of_the_sphere_come_back_as_such(tmp_path):
+    pair = SPHERE_PAIRS["parallels"]
+    made = Regrid(*pair, "sphere")
+    made.to_netcdf(tmp_path / "weights.nc")
+    assert repr(Regrid.from_netcdf(tmp_path / "weights.nc", *pair)) == repr(made)
 
 
 def test_a_file_of_weights_that_is_missing_or_damaged_is_one_line(tmp_path):
@@ -535,6 +557,12 @@ def test_a_turn_that_single_precision_leaves_a_little_too_long_is_no_halo():
     whole = lonlat((4, 1440), (0.0, 360.00003, 60.0, 64.0))
     covered = Regrid(whole, lonlat((2, 30), (-20.0, 40.0, 61.0, 63.0)), "sphere").covered
     assert 1 + 1e-6 < covered.max() < 1 + 1e-3
+
+
+def test_one_cell_of_ice_may_be_larger_than_all_of_the_host():
+    host = Grid.uniform((0, 2), (0, 1), 1)
+    regrid = Regrid(host, Grid.uniform((0, 4), (0, 2), shape=(1, 1)))
+    assert regrid.covered.tolist() == [0.25] and regrid.state([1.0, 2.0]).tolist() == [1.5]
 
 
 def test_of_the_hosts_areas_those_of_dry_cells_are_not_looked_at():

@@ -103,10 +103,12 @@ def test_no_file_of_a_run_takes_the_place_of_another(tmp_path):
     for names in (("gridded", "trajectories"), ("gridded", "restart"), ("trajectories", "restart")):
         with pytest.raises(InputError, match="a.nc: is named twice"):
             run(drifting(), 10.0, **dict.fromkeys(names, file), overwrite=True)
-    run(drifting(), 10.0, gridded=file, restart=state, reference=np.datetime64("2001-02-03T04"))
-    assert load_restart(state)[1]["start"] == "2001-02-03T04:00:00"
+    told = {"reference": np.datetime64("2001-02-03T04"), "attributes": {"title": "two floes"}}
+    run(drifting(), 10.0, gridded=file, restart=state, calendar="noleap", **told)
+    said = {"start": "2001-02-03T04:00:00", "calendar": "noleap", "title": "two floes"}
+    assert load_restart(state)[1].items() >= said.items()
     with xr.open_dataset(file) as data:
-        assert data.time.values[0] == np.datetime64("2001-02-03T04")
+        assert data.time.values[0].isoformat() == "2001-02-03T04:00:00"
     for path in (file, state):
         before = path.read_bytes()
         with pytest.raises(InputError, match=f"{path.name}: exists already"):
@@ -114,6 +116,25 @@ def test_no_file_of_a_run_takes_the_place_of_another(tmp_path):
         assert path.read_bytes() == before
     run(drifting(), 20.0, restart=state, overwrite=True)
     assert load_restart(state)[0]["time"] == 20.0
+
+
+def test_a_run_that_is_told_no_more_has_twenty_frames_and_an_exchange_for_each(tmp_path):
+    ramp = Ramp()
+    run(drifting(), 100.0, ocean=ramp, trajectories=tmp_path / "floes.nc")
+    with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
+        np.testing.assert_allclose(data.time, np.linspace(0.0, 100.0, 21))
+    assert sorted(set(ramp.times)) == [2.5 * k for k in range(41)]  # middles, and frames
+
+
+def test_round_off_of_the_clock_is_no_exchange(tmp_path):
+    """0.3 / 0.1 is less than 3, and 49 × (1 / 49) less than 1: neither leaves an exchange of 1e-17 s."""
+    for start, duration, every in ((0.3, 0.2, 0.1), (0.0, 1.0, 1.0 / 49)):
+        model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0))
+        model.time = start
+        run(model, duration, every=every, trajectories=tmp_path / f"{start}.nc")
+        with xr.open_dataset(tmp_path / f"{start}.nc", decode_times=False) as data:
+            np.testing.assert_allclose(np.diff(data.time), every, rtol=1e-9)
+        assert model.time == start + duration
 
 
 def test_many_exchanges_do_not_drift_from_the_clock():
@@ -241,12 +262,15 @@ STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if ha
 @pytest.mark.parametrize("number", STOPS)
 def test_a_stop_ends_a_run_after_its_exchange_with_files_and_a_state(tmp_path, number):
     model = drifting(u=0.5)
-    before = signal.getsignal(number)
-    report = run(
-        model, 1000.0, ocean=Interrupts(1, number), exchange=10.0, every=100.0,
-        trajectories=tmp_path / "floes.nc", restart=tmp_path / "restart.nc",
-    )  # fmt: skip
-    assert signal.getsignal(number) is before
+    own = signal.signal(number, signal.default_int_handler)  # the tests may be under nohup
+    try:
+        report = run(
+            model, 1000.0, ocean=Interrupts(1, number), exchange=10.0, every=100.0,
+            trajectories=tmp_path / "floes.nc", restart=tmp_path / "restart.nc",
+        )  # fmt: skip
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, own)
     assert not report.finished
     assert report.end == model.time == 40.0
     with xr.open_dataset(tmp_path / "floes.nc", decode_times=False) as data:
@@ -289,6 +313,10 @@ def test_a_run_is_silent_unless_asked_and_the_meter_shows_time_and_speed(capsys)
     err = capsys.readouterr().err
     assert "2 hours of 2 hours" in err
     assert "floe-steps/s" in err
+    model = drifting()
+    model.time = 86400.0
+    run(model, 7200.0, every=1800.0, progress=True)
+    assert "2 hours of 2 hours" in capsys.readouterr().err
 
 
 def test_the_report_and_its_profile_say_what_was_done():
@@ -300,6 +328,16 @@ def test_the_report_and_its_profile_say_what_was_done():
     assert "renewals of the pair list" in report.profile()
     energy = report.ledger.balance("energy")
     assert energy.relative < 1e-3
+
+
+def test_the_report_counts_the_steps_of_its_own_run():
+    model = drifting(u=0.5)
+    first = run(model, 60.0)
+    told = str(first), first.profile()
+    second = run(model, 60.0, exchange=3.0)
+    assert (str(first), first.profile()) == told  # the model goes on, the report does not
+    assert second.floe_steps == second.counters.floe_steps - first.floe_steps
+    assert 0 < second.first_steps < second.floe_steps / 10
 
 
 def test_the_speed_is_that_after_the_first_exchange_and_the_profile_adds_up():
@@ -328,10 +366,13 @@ def test_durations_are_told_in_a_unit_that_suits_them():
 
 def test_forcing_made_for_other_cells_is_refused_though_they_are_as_many():
     model = drifting()
-    other = Grid.uniform((0.0, 2000.0), (0.0, 2000.0), spacing=200.0)
-    assert other.size == model.ocean.grid.size
-    with pytest.raises(InputError, match="^Function: fills the cells of .* 2000 m.*the model's"):
-        run(model, 10.0, Function(lambda x, y, t: 1e-4 * x, 0.0, other))
+    for x, y in (((0.0, 2000.0), (0.0, 1000.0)), ((0.0, 1000.0), (0.0, 2000.0))):
+        other = Grid.uniform(x, y, shape=(10, 10))
+        assert other.size == model.ocean.grid.size
+        with pytest.raises(
+            InputError, match="^Function: fills the cells of .* 2000 m.*the model's"
+        ):
+            run(model, 10.0, Function(lambda x, y, t: 1e-4 * x, 0.0, other))
     assert model.time == 0.0
     assert (model.ocean.u == 0).all()
 

@@ -1,9 +1,13 @@
 """The two-slab ocean keeps its own books, and is a complete BMI component."""
 
+import sys
+import textwrap
+
 import numpy as np
 import pytest
 from bmipy import Bmi
 
+import coupling.slab
 from coupling.slab import DEEP, INPUTS, MOMENTUM, OUTPUTS, RECEIVED, STRESS, SURFACE, TwoSlabOcean
 from floebmi.errors import InputError
 
@@ -110,6 +114,26 @@ def test_update_until_lands_exactly_and_never_goes_back(make):
         ocean.update_until(700.1)
 
 
+def test_what_the_text_calls_optional_has_the_numbers_that_the_text_shows(tmp_path):
+    told = textwrap.dedent(coupling.slab.__doc__.partition("(TOML):")[2])
+    at_rest = told.replace("[0.2, 0.0]", "[0.0, 0.0]").replace("end = 86400.0", "")
+    oceans = []
+    for name, text in (("told", at_rest), ("bare", told.partition("[ocean]")[0])):
+        (tmp_path / name).write_text(text)
+        oceans.append(TwoSlabOcean())
+        oceans[-1].initialize(str(tmp_path / name))
+        oceans[-1].set_value(STRESS[0], np.full(200, 0.5))
+        oceans[-1].update()
+    one, other = oceans
+    assert one.get_current_time() == other.get_current_time() == 600.0
+    assert one.get_end_time() == other.get_end_time() == sys.float_info.max
+    for name in OUTPUTS:
+        np.testing.assert_array_equal(one.get_value_ptr(name), other.get_value_ptr(name))
+    (tmp_path / "whole").write_text(told)
+    one.initialize(str(tmp_path / "whole"))
+    assert one.get_end_time() == 86400.0
+
+
 def test_it_answers_every_question_of_bmi(make):
     unstarted = TwoSlabOcean()
     assert unstarted.get_input_var_names() == INPUTS
@@ -125,6 +149,17 @@ def test_it_answers_every_question_of_bmi(make):
         assert ocean.get_value_at_indices(name, one := np.empty(1), np.array([size - 1])) is one
         assert one[0] == dest[-1]
         assert ocean.get_var_location(name) == "node"
+    for names, units in (
+        (SURFACE + DEEP, "m s-1"),
+        (STRESS, "N m-2"),
+        (MOMENTUM + RECEIVED, "N s"),
+    ):
+        assert {ocean.get_var_units(name) for name in names} == {units}
+    assert ocean.get_time_units() == "s"
+    ocean.set_value(STRESS[0], np.arange(12.0))
+    ocean.set_value_at_indices(STRESS[0], np.array([9, 2]), np.array([-1.0, -2.0]))
+    some = ocean.get_value_at_indices(STRESS[0], np.empty(3), np.array([2, 10, 9]))
+    assert some.tolist() == [-2.0, 10.0, -1.0] and ocean.get_value_ptr(STRESS[0])[0] == 0.0
     shape = ocean.get_grid_shape(0, np.empty(2, np.int32))
     assert list(shape) == [3, 4]
     assert list(ocean.get_grid_spacing(0, np.empty(2))) == [2000.0, 1000.0]

@@ -86,6 +86,14 @@ def test_uniform_fields_stay_uniform_but_for_the_coast_that_takes_nothing(kind, 
     np.testing.assert_allclose(whole.flux(np.full(grid.size, 0.1)), 0.1, rtol=1e-13)
 
 
+def test_a_point_that_the_host_lets_flow_beside_land_is_of_its_wet_cell_alone():
+    row = Grid.uniform((0.0, 3.0), (0.0, 1.0), shape=(1, 3), wet=[True, True, False])
+    faces = Staggered(row, "u", open=[False, True, True, False])
+    assert repr(faces) == "Staggered(1 × 4 faces across i, 2 open)"
+    assert faces.state([9.0, 0.5, 0.7, 9.0]).tolist() == [0.5, 0.6, 0.0]
+    assert faces.flux([1.0, 1.0, 5.0]).tolist() == [0.0, 1.5, 0.5, 0.0]
+
+
 @pytest.mark.parametrize("where", [("u", "v"), ("corners", "corners")])
 @pytest.mark.parametrize("kind", KINDS)
 def test_ice_and_a_staggered_ocean_keep_their_momentum_between_coasts(kind, where):

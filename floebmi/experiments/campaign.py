@@ -191,7 +191,7 @@ def _told_strait(data: "xr.Dataset") -> str:
     lines = []
     for one, words in _each(data, data.jam_time.dims[:-1]):
         low, high = one.jamming_timescale_bounds.values / 3600.0
-        n = int(np.isfinite(one.flow_start).sum())
+        n = int((one.flow_start < one.watched_until).sum())  # of these the fit is made
         shut = one.sizes["seed"] - n
         T = float(one.jamming_timescale) / 3600.0
         fit, spread = float(one.jamming_timescale_fit) / 3600, float(one.jamming_timescale_fit_deviation) / 3600  # fmt: skip
