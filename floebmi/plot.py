@@ -576,7 +576,7 @@ def _inches(size: int) -> tuple[float, float]:
     if size < 200:
         raise InputError(f"size = {size}: must be at least 200 pixels")
     width = float(np.clip(size / 150, 5.5, 8.0))
-    return width, size / width
+    return width, (size + 0.01) / width  # matplotlib cuts off fractions of a pixel
 
 
 def save(figure: "Figure", to: str | Path | None) -> "Figure":
