@@ -11,6 +11,7 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 
 import math
 from collections.abc import Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -457,7 +458,9 @@ class Advance:
         taken = 0
         self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
         while taken < steps:
+            begin = perf_counter()
             n = self._kernel(dt, steps - taken)
+            self.state.stepping += perf_counter() - begin
             taken += n
             self._count(n, dt)
             self._check(Survey(*survey(self.packed)), dt, done + taken * dt)

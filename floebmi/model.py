@@ -785,6 +785,11 @@ class Model:
         return self._state.counters
 
     @property
+    def seconds_in_steps(self) -> float:
+        """Seconds on the clock that steps took so far, in this process: the rest of `advance` is exchange."""
+        return self._state.stepping
+
+    @property
     def wall_edges(self) -> tuple[str, ...]:
         """The edge at which each wall stands: listed walls first, then closed edges."""
         return tuple(map(edge_of, self._state.walls))

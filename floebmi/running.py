@@ -35,11 +35,14 @@ SAVED_EVERY = 60.0  # seconds on the clock between states saved while a run goes
 class WallTime(NamedTuple):
     """Where the time of a run went [s].
 
-    `first` is the part of `ice` in the first exchange: kernels are compiled or loaded there.
+    `steps` is the part of `ice` in which floes stepped: contacts, drag and motion, which are one loop; the rest of it
+    is exchange: areas and weights, fluids read and given back, lists of neighbours, books.  `first` is the part of
+    `ice` in the first exchange: kernels are compiled or loaded there.
     """
 
     forcing: float
     ice: float
+    steps: float
     output: float
     first: float
     total: float
@@ -56,6 +59,7 @@ class Report(NamedTuple):
     floe_steps, first_steps : steps of all floes in this run, and in its first exchange
     counters : of the model, since its start, as this run ended
     ledger : mass, momentum and energy of the ice, likewise
+    contacts : pairs of floes that pushed or held each other as it ended
     files : what was written
     """
 
@@ -67,6 +71,7 @@ class Report(NamedTuple):
     first_steps: int
     counters: "Counters"
     ledger: "Ledger"
+    contacts: int
     files: tuple[Path, ...]
 
     @property
@@ -90,7 +95,13 @@ class Report(NamedTuple):
         rows = [
             (name, f"{seconds:.2f} s", f"{seconds / wall.total:.0%}")
             for name, seconds in (
-                ("forcing", wall.forcing), ("ice", wall.ice), ("  of it the first exchange", wall.first), ("output", wall.output), ("rest", rest)
+                ("forcing", wall.forcing),
+                ("ice", wall.ice),
+                ("  of it steps", wall.steps),
+                ("  of it exchange, lists", wall.ice - wall.steps),
+                ("  all in the first exchange", wall.first),
+                ("output", wall.output),
+                ("rest", rest),
             )
         ]  # fmt: skip
         rows += [
@@ -99,6 +110,7 @@ class Report(NamedTuple):
             ("floe-steps", f"{c.floe_steps}", ""),
             ("renewals of the pair list", f"{c.rebuilds}", f"{_ratio(c.steps, c.rebuilds):.0f} steps each"),
             ("pairs listed", f"{c.pairs}", f"{_ratio(c.pairs, c.floe_steps):.2f} per floe-step"),
+            ("contacts at the end", f"{self.contacts}", ""),
             ("bonds broken", f"{c.bonds_broken}", ""),
         ]  # fmt: skip
         return "\n".join(f"{name:<28}{value:>16}  {share}".rstrip() for name, value, share in rows)
@@ -187,6 +199,7 @@ def run(
             law = "OceanDrag" if name == "ocean" else "AirDrag"
             raise InputError(f"{name}: the model has none to force; list {law} among its forces")
     start, end, before = model.time, model.time + total, model.counters.floe_steps
+    stepped = model.seconds_in_steps
     for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
         if source is not None:
             check_forcing(source, fluid, start, end)
@@ -249,9 +262,10 @@ def run(
         with clock.of("output"):
             save_restart(restart, kept, of_state)
         files.append(Path(restart))
+    wall = clock.wall_time(model.seconds_in_steps - stepped)
     return Report(
-        finished, start, model.time, clock.wall_time(), model.counters.floe_steps - before,
-        first_steps or 0, dataclasses.replace(model.counters), model.ledger.copy(), tuple(files),
+        finished, start, model.time, wall, model.counters.floe_steps - before, first_steps or 0,
+        dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files),
     )  # fmt: skip
 
 
@@ -397,8 +411,9 @@ class _Stopwatch:
         yield
         self.spent[what] += time.perf_counter() - begin
 
-    def wall_time(self) -> WallTime:
-        return WallTime(**self.spent, first=self.first, total=time.perf_counter() - self._begin)
+    def wall_time(self, steps: float) -> WallTime:
+        total = time.perf_counter() - self._begin
+        return WallTime(**self.spent, steps=steps, first=self.first, total=total)
 
 
 class _Interrupt:

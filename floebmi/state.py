@@ -36,6 +36,7 @@ class State:
     memory : what pairs remember, in the slots of `kept` where a list is kept
     previous : contact forces and torques of the last step (n, 3), for the paper's schemes alone; see `pack.pack`
     remainder : what rounding took from places far from (0, 0), (n, 2) [m]; None near it
+    stepping : seconds on the clock that steps took, in this process
     drawn : in a copy, which shares the generator: the generator's state when it was copied
     """
 
@@ -48,6 +49,7 @@ class State:
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
     kept: Kept | None = None
+    stepping: float = 0.0
     drawn: dict | None = None
 
     def copy(self) -> "State":
@@ -55,7 +57,8 @@ class State:
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), replace(self.counters), self.kept, self.rng.bit_generator.state,
+            self.ledger.copy(), replace(self.counters), self.kept, self.stepping,
+            self.rng.bit_generator.state,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
