@@ -828,7 +828,8 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
                 data = stack.enter_context(Dataset(copy))
             except OSError:
                 raise InputError(f"{path}: is no NetCDF file, or a damaged one") from None
-        found = str(getattr(data, "floebmi_file", "none of floebmi's"))
+        other = "a restart file" if "floebmi_restart" in data.ncattrs() else "none of floebmi's"
+        found = str(getattr(data, "floebmi_file", other))
         wanted = [f"{kind} {FILE_VERSION}" for kind in kinds]
         if found not in wanted:
             raise InputError(f"{path}: is {found!r}; must be {' or '.join(map(repr, wanted))}")

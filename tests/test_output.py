@@ -535,6 +535,10 @@ def test_what_is_not_a_file_of_ours_is_refused_in_one_line(tmp_path, run):
         pass
     with pytest.raises(InputError, match="is 'trajectories 1'"), open_file(run[1], "gridded"):
         pass
+    save_restart(tmp_path / "restart.nc", {"a": 1.0})
+    message = "is 'a restart file'; must be 'gridded 1'"
+    with pytest.raises(InputError, match=message), open_file(tmp_path / "restart.nc", "gridded"):
+        pass
 
 
 # ---- restart ----------------------------------------------------------------------------------
