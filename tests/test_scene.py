@@ -90,7 +90,6 @@ def refused(path, *overrides):
         ("coriolis.latitude=91", "must be at most 90"),
         ("output=3", "must be a table of keys"),
         ("floes=[{size=3}]", "must be a table of keys"),
-        ("contact={bonds={healing=[]}}", "must be a table of keys"),
     ],
 )  # fmt: skip
 def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right(
