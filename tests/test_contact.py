@@ -315,15 +315,22 @@ def test_a_law_out_of_its_bounds_is_refused_by_name(law, name):
         Model(DOMAIN, Floes(0.0, 0.0, 1.0, 1.0), contact=law)
 
 
-def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes():
-    law = frictional(restitution=0.3)._replace(bonds=cohesive().bonds)
+@pytest.mark.parametrize(
+    ("law", "edges"),
+    [
+        (frictional()._replace(bonds=cohesive().bonds), "periodic"),
+        (Contact(dashpot=Restitution(0.3)), "inactive"),
+    ],
+)
+def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes(law, edges):
     rng = np.random.default_rng(8)
     floes = Floes(*rng.uniform(0.0, 80.0, (2, 30)), 8.0, 1.0)
-    domain = Domain((0.0, 100.0), (0.0, 100.0), *["periodic"] * 4)
+    domain = Domain((0.0, 100.0), (0.0, 100.0), *[edges] * 4)
     relax(floes, domain)
+    floes.x[:], floes.y[:] = 0.995 * floes.x, 0.995 * floes.y  # many push each other
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.5, (2, 30))
     model = Model(domain, floes, law)
-    model.advance(2.0)
+    model.advance(0.01)
     contacts, now, net = model.contacts(), model._now().packed, np.zeros((2, 30))
     for axis, force in enumerate((contacts.fx, contacts.fy)):
         np.add.at(net[axis], contacts.i, force)

@@ -15,7 +15,7 @@ from test_examples import ROOT, example
 
 from coupling.books import Books
 from coupling.veros import SeaIce, surface_cells
-from floebmi import Domain, Floes, Grid, Model, frictional
+from floebmi import Domain, Floes, Grid, Model
 from floebmi.errors import InputError
 from floebmi.forces import AirDrag, CoriolisField, OceanDrag, Tilt
 from floebmi.output import load_restart
@@ -420,7 +420,7 @@ def ice_of(state, x, y, radius, every=1800.0):
     cells = surface_cells(state)
     forces = [OceanDrag(), AirDrag(), CoriolisField(), Tilt()]
     floes = Floes(x, y, radius, 1.0)
-    model = Model(Domain(*cells_box(cells)), floes, frictional(), forces, cells)
+    model = Model(Domain(*cells_box(cells)), floes, None, forces, cells)
     return SeaIce(state, model, every=every)
 
 

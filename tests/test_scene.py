@@ -306,8 +306,6 @@ seed = 5
 [domain]
 x = [0, 1000]
 y = [0, 1000]
-west = "periodic"
-east = "periodic"
 [[floes]]
 arrangement = "regular"
 radius = 10
@@ -340,8 +338,7 @@ contact = "frictional"
 [domain]
 x = [0, 100]
 y = [0, 100]
-south = "EDGE"
-north = "EDGE"
+edges = "EDGE"
 [floes]
 arrangement = "file"
 file = "floes.csv"

@@ -12,12 +12,13 @@ LAWS = {
     "cohesive, without walls": (fb.cohesive(), False),
     "frictional": (fb.frictional(), True),
 }
+ALONE = "elastic floes that turn"
 
 
 def run(contact, rotation):
     """The floes and the fields of a pack that is fed, stirred and squeezed, after three exchanges.
 
-    Laws and edges are such that other tests have machine code for two of the packs.
+    Laws and edges are such that other tests have machine code for all packs but `ALONE`.
     """
     rng = np.random.default_rng(5)
     walls = contact.bonds is None
@@ -43,7 +44,9 @@ def run(contact, rotation):
     return [getattr(model.floes, name).copy() for name in names] + [*model.fields().values()]
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n == ALONE else n for n in LAWS]
+)
 def test_a_run_does_not_depend_on_what_was_in_its_memory(name):
     clean = run(*LAWS[name])
     with unwritten_memory():
