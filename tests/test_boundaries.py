@@ -403,7 +403,7 @@ def test_far_from_the_origin_walls_contacts_and_restarts_are_where_they_belong()
     def scene():
         domain = Domain((3e6, 3e6 + 100.0), (-2e6, -2e6 + 100.0), *["closed"] * 4)
         floes = Floes(3e6 + np.array([20.0, 39.7]), -2e6 + 50.0, 10.0, 1.0, u=[0.1, -0.13])
-        return Model(domain, floes, contact=frictional())
+        return Model(domain, floes, contact=Contact())
 
     model = scene()
     places = dict(zip(model.wall_edges, model.wall_positions, strict=True))

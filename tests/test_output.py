@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as stn
 from netCDF4 import Dataset
 from small_run import GRIDS, LAND, small_model, small_run
 
-from floebmi import Domain, Floes, Grid, InputError, Model, Wall, cohesive, frictional
+from floebmi import Contact, Domain, Floes, Grid, InputError, Model, Wall, cohesive, frictional
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
@@ -660,7 +660,7 @@ def test_walls_stand_in_the_trajectory_file_with_their_places_and_stresses(tmp_p
     domain = Domain((0.0, 100.0), (0.0, 100.0), west="closed")
     floes = Floes(np.arange(5) * 19.9 + 10, 50.0, 10.0, 1.0)
     wall = Wall("east", velocity=-0.1)
-    model = Model(domain, floes, contact=frictional(), walls=[wall])
+    model = Model(domain, floes, contact=Contact(), walls=[wall])
     with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
         for _ in range(3):
             model.advance(10.0)
