@@ -793,12 +793,15 @@ def _experiment_options(kind: str) -> Callable:
     return add
 
 
+SEEDS = {"shear": 3, "strait": 20}  # of an experiment, if not told
+
+
 def _ensemble_options(function: Callable) -> Callable:
     for option in reversed(
         [
             click.option(
                 "--seeds", type=click.IntRange(1),
-                help="Number of seeds of each point (shear: 3, strait: 20).",
+                help=f"Number of seeds of each point ({', '.join(f'{k}: {n}' for k, n in SEEDS.items())}).",
             ),
             click.option(
                 "--save", type=_PATH, metavar="FILE",
@@ -865,7 +868,7 @@ def _experiment(
 
     kind = getattr(parameters, name.capitalize())
     values = {key: several for key, several in given.items() if several is not None}
-    numbers = range(1, (seeds or {"shear": 3, "strait": 20}[name]) + 1)
+    numbers = range(1, (seeds or SEEDS[name]) + 1)
     with _cluster(cluster) as on:
         how = {"jobs": jobs, "on": on, "progress": not quiet}
         if figure is not None:

@@ -143,7 +143,7 @@ def from_field(
     cell.  Floes do not reach into dry cells or land.  The area is met, the volume is not: beside
     cells at `max_concentration`, where discs are as dense as they get, and beside land, looser
     cells get more than their share, and floes there have the thickness of those (labrador-sea:
-    cells of 0.5 to 0.7 get a tenth more, and the volume is 2 % short).
+    cells below 0.7 get a fifth more, denser ones 5 % less, and the volume is 2 % short).
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ class State:
         self.memory, self.feeders = earlier.memory, earlier.feeders
         self.rng.bit_generator.state = earlier.drawn
         self.previous, self.remainder = earlier.previous, earlier.remainder
-        self.kept = earlier.kept
+        self.kept, self.stepping = earlier.kept, earlier.stepping
         vars(self.ledger).update(vars(earlier.ledger))
         vars(self.counters).update(vars(earlier.counters))
 

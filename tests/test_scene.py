@@ -10,6 +10,7 @@ from floebmi.contact import Coulomb, Damsgaard2018Coulomb
 from floebmi.dynamics import Step
 from floebmi.floes import DRIVEN, FIXED
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
+from floebmi.packing import IceNotPlaced
 from floebmi.scene import Scene, copy_scene
 from floebmi.scenes import packaged
 from floebmi.tables import keys
@@ -329,6 +330,28 @@ velocity = [0.5, 0]
     other = read_scene(path, ["seed=6"]).build().model.floes
     np.testing.assert_array_equal(floes.x, again.x)
     assert len(other) != len(floes) or not np.array_equal(floes.x, other.x)
+
+
+def test_floes_of_the_labrador_sea_have_the_area_of_its_file_and_two_per_cent_less_volume():
+    """As docs/howto/floes-and-coast.md and `from_field` say."""
+    scene = read_scene("labrador-sea")
+    with pytest.warns(IceNotPlaced, match="max_concentration"):
+        model = scene.build().model
+    wet, size = model.grid.wet, model.grid.area
+    fraction, thickness = (
+        np.nan_to_num(field) for field in scene._ice_fields(scene.floes[0], model.grid)
+    )
+    area = np.where(wet, np.minimum(fraction, 0.85), 0.0) * size
+    ice = model.floes.active & ~model.floes.land
+    placed, volume = model.floes.area[ice], model.floes.area[ice] * model.floes.thickness[ice]
+    assert placed.sum() == pytest.approx(area.sum(), rel=1e-3)
+    assert volume.sum() / (area * thickness).sum() == pytest.approx(0.98, abs=0.005)
+    there = model.fields()["area_fraction"] * size
+    for cells, least, most in (
+        (wet & (fraction > 0.05) & (fraction < 0.7), 1.1, 1.35),
+        (wet & (fraction > 0.7), 0.93, 0.97),
+    ):
+        assert least < there[cells].sum() / area[cells].sum() < most
 
 
 def test_free_floes_beyond_an_edge_are_refused_with_their_place(write):
