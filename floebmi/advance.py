@@ -12,6 +12,7 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 import math
 from collections.abc import Sequence
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 
@@ -134,8 +135,10 @@ class Advance:
 
     def _list_anew(self, old: Memory) -> None:
         """Pack the floes, and list their neighbours where they are now; old : what pairs remember so far."""
+        begin = perf_counter()
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
         self._list(self.packed, self.state.walls.position.copy(), old)
+        self.state.seconds.lists += perf_counter() - begin
         self.fresh = True
         self.room = self._half_skin()
         self._stiffest: Stiffest | None = None
@@ -193,7 +196,7 @@ class Advance:
         self.skin = max(self.closing, min([self.closing * width, *room]))
         place = np.full(len(self.floes), -1)
         place[at.number] = np.arange(len(at.number))
-        self.pairs, self.tiles = list_pairs(
+        self.pairs, self.tiles, self.tested = list_pairs(
             at, self.contact, self.period, self.skin, old.pairs, old.number, place
         )
         self.lists = Lists(
@@ -220,14 +223,12 @@ class Advance:
     def stiffest(self) -> Stiffest:
         """What sets the step until floes have strayed further; found when it is asked for."""
         if self._stiffest is None:
+            begin = perf_counter()
+            walls = self.walls._replace(walls=self.state.walls)
             self._stiffest = stiffest(
-                self.contact,
-                self.packed,
-                self.pairs,
-                self.period,
-                self.walls._replace(walls=self.state.walls),
-                self.closing,
+                self.contact, self.packed, self.pairs, self.period, walls, self.closing
             )
+            self.state.seconds.lists += perf_counter() - begin
         return self._stiffest
 
     def _begin(self) -> None:
@@ -236,7 +237,11 @@ class Advance:
             self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
         self.rate = self._rate_of_forces()
-        self.state.counters.rebuilds += self.fresh
+        if self.fresh:
+            counters = self.state.counters
+            counters.rebuilds += 1
+            counters.tested += self.tested
+            counters.listed += len(self.pairs.i)
 
     def _rate_of_forces(self) -> np.ndarray:
         """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
@@ -438,6 +443,26 @@ class Advance:
             done = self._some_steps(done, duration)
         self.finish()
 
+    def seconds_per_step(
+        self, at: Sequence[np.ndarray], steps: int, without: Literal["contacts", "forces"] | None
+    ) -> float:
+        """See `Model.seconds_per_step`; what the steps change stays changed, the caller goes back to what was before."""
+        self.at, self.order, self.time = tuple(at), self.packed.number, math.nan
+        self._begin()
+        if self.travelled > NEARLY * self._reach():
+            self._renew()
+        if without == "contacts":
+            near, nobody = self.lists.near, np.zeros(0, np.int64)
+            nothing = np.zeros_like(near.parts), np.zeros_like(near.counts)
+            near = near._replace(parts=nothing[0], counts=nothing[1])
+            self.lists = self.lists._replace(near=near)
+            self._meet_walls(nobody, nobody)
+        if without == "forces":
+            self.lag[:] = -math.inf, math.inf  # ahead for ever
+        begin = perf_counter()
+        taken = self._kernel(self.state.counters.last_step, steps)
+        return (perf_counter() - begin) / taken
+
     def _some_steps(self, done: float, duration: float) -> float:
         """Steps until the time is reached or the list may be stale; returns the time reached."""
         rest, dt = duration - done, self.longest_step()
@@ -460,7 +485,7 @@ class Advance:
         while taken < steps:
             begin = perf_counter()
             n = self._kernel(dt, steps - taken)
-            self.state.stepping += perf_counter() - begin
+            self.state.seconds.steps += perf_counter() - begin
             taken += n
             self._count(n, dt)
             self._check(Survey(*survey(self.packed)), dt, done + taken * dt)

@@ -208,7 +208,7 @@ def floebmi() -> None:
     "--accuracy", type=float, metavar="ERROR",
     help="Take the fastest setting with this error, 0.02 say, that SCENE.tradeoff.nc beside the scene has.",
 )  # fmt: skip
-@click.option("--profile", is_flag=True, help="Print where the time went.")
+@click.option("--profile", is_flag=True, help="Print where the time went, and what was counted.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def run(
     scene: str,
@@ -279,7 +279,7 @@ def run(
         attributes={"title": read.title or read.name, "scene": read.text},
         reference=built.start, calendar=built.calendar,
         projection=read.domain.projection, land=built.land,
-        overwrite=force, progress=not quiet,
+        overwrite=force, progress=not quiet, profile=profile,
     )  # fmt: skip
     files = list(report.files)
     if picture is not None:

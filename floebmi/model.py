@@ -19,6 +19,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,7 +102,7 @@ from floebmi.sampling import (
     shares,
     without_cell,
 )
-from floebmi.state import Counters, State
+from floebmi.state import Counters, Seconds, State
 from floebmi.vorticity import Vorticity
 
 Out = Mapping[str, np.ndarray] | None
@@ -570,14 +571,8 @@ class Model:
             return
         self._check_fluids()
         seen = self._look()
-        if seen is not self._left:
-            self._refuse_edits()
-            self._tables = self._allocate()
         known = len(self.floes)
-        advance = self._now(seen)
-        order = advance.packed.number
-        self._at = tuple(by_block(table, order) for table in self._tables)
-        weights = self._sample(seen, order)
+        advance, weights = self._ready(seen)
         before = self._state.copy()
         seen.list = None  # the steps use it up, even if they fail
         try:
@@ -606,6 +601,16 @@ class Model:
             self.ocean._given = given
         self._give_back(gifts)
         self._warn_of_lag(duration)
+
+    def _ready(self, seen: _Seen) -> tuple[Advance, dict[int, Weights]]:
+        """What steps begin with: packed floes, what the forces read at them, and the weights they read it with, by grid."""
+        if seen is not self._left:
+            self._refuse_edits()
+            self._tables = self._allocate()
+        advance = self._now(seen)
+        order = advance.packed.number
+        self._at = tuple(by_block(table, order) for table in self._tables)
+        return advance, self._sample(seen, order)
 
     def _check_energy(self, time: float) -> None:
         """Stop when much of the energy comes from nowhere: the step does not resolve what happens."""
@@ -781,13 +786,38 @@ class Model:
 
     @property
     def counters(self) -> Counters:
-        """Steps, floe-steps, list renewals, pairs."""
+        """Steps, floe-steps, lists made, pairs."""
         return self._state.counters
 
     @property
-    def seconds_in_steps(self) -> float:
-        """Seconds on the clock that steps took so far, in this process: the rest of `advance` is exchange."""
-        return self._state.stepping
+    def seconds(self) -> Seconds:
+        """Seconds on the clock that steps and lists took so far, in this process: the rest of `advance` is exchange."""
+        return self._state.seconds
+
+    def seconds_per_step(
+        self, steps: int, without: Literal["contacts", "forces"] | None = None
+    ) -> float:
+        """Seconds on the clock of a step from here, as long as the last one, over up to so many; the model stays as it is.
+
+        without : what to leave out: "contacts", as if no floe were near another one or a wall; "forces", all others, with
+            the scheme "verlet" alone; see `floebmi.timing`
+
+        Raises
+        ------
+        InputError
+            before the first step.
+        """
+        if not self.counters.steps:
+            raise InputError("seconds_per_step: no step was taken yet; advance the model first")
+        seen = self._look()
+        before = self._state.copy()
+        advance, _ = self._ready(seen)
+        seen.list = None  # the steps use it up
+        try:
+            return advance.seconds_per_step(self._at, steps, without)
+        finally:
+            self.floes.go_back(seen.floes)
+            self._state.go_back(before)
 
     @property
     def wall_edges(self) -> tuple[str, ...]:
@@ -1021,6 +1051,12 @@ class Model:
                 "restart: number of walls differs from the scene's, or an older floebmi wrote it"
             )
         saved = walls_of_state(walls, np.asarray(state["walls"]))
+        have, need = np.size(state["counters"]), len(vars(self._state.counters))
+        missing = need - have  # what an older floebmi did not count goes on from 0
+        if missing not in (0, 2):
+            raise InputError(
+                f"restart: counters: {have} of them; must be {need}, or {need - 2} of an older floebmi"
+            )
 
         def of_floes(name: str) -> np.ndarray:
             return np.asarray(state[f"floes_{name}"])
@@ -1061,8 +1097,8 @@ class Model:
         s.rng.bit_generator.state = json.loads(str(state["rng"]))
         for feeder, waiting in zip(s.feeders, np.atleast_1d(state["waiting"]), strict=True):
             feeder.waiting = None if np.isnan(waiting) else float(waiting)
-        values = np.asarray(state["counters"])
-        for name, value in zip(vars(s.counters), values, strict=True):
+        counted = np.asarray(state["counters"]).ravel()
+        for name, value in zip(vars(s.counters), [*counted, *[0.0] * missing], strict=True):
             setattr(s.counters, name, type(getattr(s.counters, name))(value))
         s.ledger.restore(state)
         for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):

@@ -24,11 +24,13 @@ class Pairs(NamedTuple):
     """Candidate pairs `i[p]`, `j[p]`, each once; row i is `start[i]:start[i + 1]`.
 
     Floes of one level are paired in the row of the lower index, others in the row of the smaller floe.
+    tested : how many distances were looked at to find them
     """
 
     start: np.ndarray
     i: np.ndarray
     j: np.ndarray
+    tested: int
 
 
 def find_pairs(
@@ -54,7 +56,7 @@ def find_pairs(
     """
     n = len(x)
     if not n:
-        return Pairs(np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
+        return Pairs(np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32), 0)
     times, widest = 4 if n > 1 else 2, float(reach.max())
     for name, length in zip("xy", period, strict=True):
         if length is not None and length < times * widest:
@@ -87,11 +89,11 @@ def _find(x, y, reach, land, period_x, period_y):
     room = 4 * x.size + 64
     while True:
         i, j = np.empty(room, np.int32), np.empty(room, np.int32)
-        found = _search(
+        found, tested = _search(
             x, y, reach, land, level, period_x, period_y, grids, cell_start, items, start, i, j
         )
         if found <= room:
-            return start, i[:found], j[:found]
+            return start, i[:found], j[:found], tested
         room = found
 
 
@@ -179,8 +181,8 @@ def _counting_sort(cell, n_cells):
 def _search(
     x, y, reach, land, level, period_x, period_y, grids, cell_start, items, start, out_i, out_j
 ):  # fmt: skip
-    """Fill rows of pairs; returns how many there are, also if the arrays were too short."""
-    found = 0
+    """Fill rows of pairs; returns how many there are, also if the arrays were too short, and how many were tested."""
+    found, tested = 0, 0
     size = out_i.size
     for i in range(x.size):
         start[i] = found
@@ -208,6 +210,7 @@ def _search(
                 cx, shift = cx0, row + turn
                 while cx <= cx1:  # in one go the cells up to the seam: their floes lie together
                     end = min(cx1 + 1, row + nx - shift)
+                    tested += cell_start[shift + end] - cell_start[shift + cx]
                     for q in range(cell_start[shift + cx], cell_start[shift + end]):
                         j = items[q]
                         dx = x[j] - here_x
@@ -223,7 +226,7 @@ def _search(
                         found += (j > after) & (dx * dx + dy * dy < near * near)
                     cx, shift = end, shift - nx
     start[x.size] = found
-    return found
+    return found, tested
 
 
 @jit

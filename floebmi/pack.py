@@ -264,8 +264,8 @@ def list_pairs(
     old: PairList,
     old_number: np.ndarray,
     place: np.ndarray,
-) -> tuple[PairList, Tiles]:
-    """A fresh list of candidate pairs that remembers what the old one did, and the tiles of the pack.
+) -> tuple[PairList, Tiles, int]:
+    """A fresh list of candidate pairs that remembers what the old one did, the tiles of the pack, and how many pairs were tested.
 
     old_number : of the floe of each row of the old list
     place : row of each floe number in the new list, −1 where it has none
@@ -274,7 +274,7 @@ def list_pairs(
         empty = np.zeros(0, np.uint32)
         start = np.zeros(len(packed.number) + 1, np.int64)
         start, i, j, tiles = by_tile(start, empty, empty, packed.land)
-        return PairList(start, i, j, **_nothing(contact, 0)), tiles
+        return PairList(start, i, j, **_nothing(contact, 0)), tiles, 0
     x, y = packed.first_x, packed.first_y
     found = find_pairs(x, y, reach(packed, contact, skin), period, packed.land)
     i, j = found.i.view(np.uint32), found.j.view(np.uint32)
@@ -285,7 +285,7 @@ def list_pairs(
             old.i, old.j, old_number, memory, place, start, tiles.seam, j, getattr(new, name),
             _sign_of_reverse(name),
         )  # fmt: skip
-    return new, tiles
+    return new, tiles, found.tested
 
 
 def _sign_of_reverse(name: str) -> float:

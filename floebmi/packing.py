@@ -1002,7 +1002,7 @@ def _unplaced(
         if length is None:
             left |= (centre - radius < low) | (centre + radius > high)
     bad = np.where(left, np.inf, 0.0)
-    _, i, j = find_pairs(all_x, all_y, size, domain.period)
+    _, i, j, _ = find_pairs(all_x, all_y, size, domain.period)
     i, j = some_free(i, j, np.arange(len(size)) < n)
     overlap = size[i] + size[j] - distances(all_x, all_y, i, j, domain)
     for k in np.argsort(-overlap, kind="stable"):

@@ -78,7 +78,7 @@ def press(
             skin = min(typical * min(max(2 * worst, SKIN[0]), SKIN[1]), widest)
             all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
             reach = np.concatenate([pressed[:n] + skin / 2, still])
-            _, i, j = find_pairs(all_x, all_y, reach, domain.period)
+            _, i, j, _ = find_pairs(all_x, all_y, reach, domain.period)
             i, j = some_free(i, j, movable)
             # a small floe gives way to a large one, but not so much that it is caught between two
             mobile[:n] = free / size[:n]
@@ -104,7 +104,7 @@ def press(
                 grown += _swap(size, pressed, squeezed, order, apart, first, idle)
     all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
     x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
-    _, i, j = find_pairs(all_x, all_y, size, domain.period)
+    _, i, j, _ = find_pairs(all_x, all_y, size, domain.period)
     i, j = some_free(i, j, movable)
     return _worst(all_x, all_y, size, n, i, j, lengths)
 

@@ -35,17 +35,24 @@ SAVED_EVERY = 60.0  # seconds on the clock between states saved while a run goes
 class WallTime(NamedTuple):
     """Where the time of a run went [s].
 
-    `steps` is the part of `ice` in which floes stepped: contacts, drag and motion, which are one loop; the rest of it
-    is exchange: areas and weights, fluids read and given back, lists of neighbours, books.  `first` is the part of
-    `ice` in the first exchange: kernels are compiled or loaded there.
+    forcing, ice, output : filling the fluids; advancing the ice; writing files
+    steps, lists : the parts of `ice` in which floes stepped, and were listed by neighbours with what sets the step
+    first : the part of `ice` in the first exchange: kernels are compiled or loaded there
+    total : with all else
     """
 
     forcing: float
     ice: float
     steps: float
+    lists: float
     output: float
     first: float
     total: float
+
+    @property
+    def exchange(self) -> float:
+        """The rest of `ice`: areas and weights, fluids read and given back, first forces, books."""
+        return self.ice - self.steps - self.lists
 
 
 class Report(NamedTuple):
@@ -61,6 +68,7 @@ class Report(NamedTuple):
     ledger : mass, momentum and energy of the ice, likewise
     contacts : pairs of floes that pushed or held each other as it ended
     files : what was written
+    shares : of contacts, other forces and motion in the time of a step as it ended [1], if a profile was asked for
     """
 
     finished: bool
@@ -73,6 +81,7 @@ class Report(NamedTuple):
     ledger: "Ledger"
     contacts: int
     files: tuple[Path, ...]
+    shares: Mapping[str, float] = {}
 
     @property
     def speed(self) -> float:
@@ -97,8 +106,10 @@ class Report(NamedTuple):
             for name, seconds in (
                 ("forcing", wall.forcing),
                 ("ice", wall.ice),
-                ("  of it steps", wall.steps),
-                ("  of it exchange, lists", wall.ice - wall.steps),
+                ("  steps", wall.steps),
+                *((f"    {name}", share * wall.steps) for name, share in self.shares.items()),
+                ("  lists of neighbours", wall.lists),
+                ("  exchange", wall.exchange),
                 ("  all in the first exchange", wall.first),
                 ("output", wall.output),
                 ("rest", rest),
@@ -109,7 +120,8 @@ class Report(NamedTuple):
             ("steps", f"{c.steps}", ""),
             ("floe-steps", f"{c.floe_steps}", ""),
             ("renewals of the pair list", f"{c.rebuilds}", f"{_ratio(c.steps, c.rebuilds):.0f} steps each"),
-            ("pairs listed", f"{c.pairs}", f"{_ratio(c.pairs, c.floe_steps):.2f} per floe-step"),
+            ("pairs tested for it", f"{c.tested}", f"{_ratio(c.listed, c.tested):.0%} listed"),
+            ("pairs listed, in all steps", f"{c.pairs}", f"{_ratio(c.pairs, c.floe_steps):.2f} per floe-step"),
             ("contacts at the end", f"{self.contacts}", ""),
             ("bonds broken", f"{c.bonds_broken}", ""),
         ]  # fmt: skip
@@ -138,6 +150,7 @@ def run(
     land: Sequence[np.ndarray] = (),
     overwrite: bool = False,
     progress: bool = False,
+    profile: bool = False,
 ) -> Report:
     """Run a model for some time under some forcing.
 
@@ -156,6 +169,8 @@ def run(
     attributes, reference, calendar, projection, land : see `output.GriddedWriter`
     overwrite : whether files may be replaced
     progress : show a meter
+    profile : time what contacts, drag and motion take of a step as the run ends, for `Report.profile`; takes about a
+        second more, and leaves the model as it is
 
     Returns
     -------
@@ -181,6 +196,7 @@ def run(
     from floebmi.files import check_target
     from floebmi.model import Model
     from floebmi.output import save_restart
+    from floebmi.timing import shares_of_a_step
 
     if not isinstance(model, Model):
         raise InputError(f"run: model = {in_line(model)}: must be a Model")
@@ -199,7 +215,6 @@ def run(
             law = "OceanDrag" if name == "ocean" else "AirDrag"
             raise InputError(f"{name}: the model has none to force; list {law} among its forces")
     start, end, before = model.time, model.time + total, model.counters.floe_steps
-    stepped = model.seconds_in_steps
     for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
         if source is not None:
             check_forcing(source, fluid, start, end)
@@ -237,7 +252,7 @@ def run(
                     continue
                 with clock.of("forcing"):
                     drive.fill(0.5 * (model.time + target))
-                with clock.of("ice"):
+                with clock.of_ice(model):
                     model.advance(target - model.time)
                 model.time = target  # a sum of many intervals would drift
                 if first_steps is None:
@@ -262,10 +277,11 @@ def run(
         with clock.of("output"):
             save_restart(restart, kept, of_state)
         files.append(Path(restart))
-    wall = clock.wall_time(model.seconds_in_steps - stepped)
+    wall = clock.wall_time()
     return Report(
         finished, start, model.time, wall, model.counters.floe_steps - before, first_steps or 0,
         dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files),
+        shares_of_a_step(model) if profile else {},
     )  # fmt: skip
 
 
@@ -402,7 +418,7 @@ class _Frames:
 class _Stopwatch:
     def __init__(self) -> None:
         self._begin = time.perf_counter()
-        self.spent = {"forcing": 0.0, "ice": 0.0, "output": 0.0}
+        self.spent = {"forcing": 0.0, "ice": 0.0, "steps": 0.0, "lists": 0.0, "output": 0.0}
         self.first = 0.0
 
     @contextlib.contextmanager
@@ -411,9 +427,17 @@ class _Stopwatch:
         yield
         self.spent[what] += time.perf_counter() - begin
 
-    def wall_time(self, steps: float) -> WallTime:
+    @contextlib.contextmanager
+    def of_ice(self, model: "Model") -> Iterator[None]:
+        before = dataclasses.replace(model.seconds)
+        with self.of("ice"):
+            yield
+        self.spent["steps"] += model.seconds.steps - before.steps
+        self.spent["lists"] += model.seconds.lists - before.lists
+
+    def wall_time(self) -> WallTime:
         total = time.perf_counter() - self._begin
-        return WallTime(**self.spent, steps=steps, first=self.first, total=total)
+        return WallTime(**self.spent, first=self.first, total=total)
 
 
 class _Interrupt:

@@ -26,6 +26,16 @@ class Counters:
     shortest_step: float = np.inf
     longest_step: float = 0.0
     last_step: float = 0.0
+    tested: int = 0  # pairs tested to make the lists, and
+    listed: int = 0  # those of them that were listed; both last, since restart files of before end without them
+
+
+@dataclass
+class Seconds:
+    """Seconds on the clock in this process, of what an exchange spends its time on besides itself."""
+
+    steps: float = 0.0
+    lists: float = 0.0  # of neighbours, and what sets the step
 
 
 @dataclass
@@ -36,7 +46,7 @@ class State:
     memory : what pairs remember, in the slots of `kept` where a list is kept
     previous : contact forces and torques of the last step (n, 3), for the paper's schemes alone; see `pack.pack`
     remainder : what rounding took from places far from (0, 0), (n, 2) [m]; None near it
-    stepping : seconds on the clock that steps took, in this process
+    seconds : what steps and lists took so far
     drawn : in a copy, which shares the generator: the generator's state when it was copied
     """
 
@@ -49,7 +59,7 @@ class State:
     ledger: Ledger = field(default_factory=Ledger)
     counters: Counters = field(default_factory=Counters)
     kept: Kept | None = None
-    stepping: float = 0.0
+    seconds: Seconds = field(default_factory=Seconds)
     drawn: dict | None = None
 
     def copy(self) -> "State":
@@ -57,8 +67,8 @@ class State:
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), replace(self.counters), self.kept, self.stepping,
-            self.rng.bit_generator.state,
+            self.ledger.copy(), replace(self.counters), self.kept,
+            replace(self.seconds), self.rng.bit_generator.state,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
@@ -67,7 +77,7 @@ class State:
         self.memory, self.feeders = earlier.memory, earlier.feeders
         self.rng.bit_generator.state = earlier.drawn
         self.previous, self.remainder = earlier.previous, earlier.remainder
-        self.kept, self.stepping = earlier.kept, earlier.stepping
+        self.kept, self.seconds = earlier.kept, earlier.seconds
         vars(self.ledger).update(vars(earlier.ledger))
         vars(self.counters).update(vars(earlier.counters))
 

@@ -77,6 +77,8 @@ def test_counters_count_the_floes_that_are_there_their_pairs_and_all_steps():
         assert model.counters.steps - before == steps
     counters = model.counters
     assert (counters.steps, counters.floe_steps, counters.pairs) == (7, 14, 7)
+    # each floe looks at both
+    assert (counters.rebuilds, counters.tested, counters.listed) == (1, 4, 1)
     assert counters.shortest_step == pytest.approx(0.5 * long)
     assert counters.longest_step == pytest.approx(long)
 

@@ -265,3 +265,13 @@ def test_an_inflow_lists_anew_only_when_a_floe_comes():
     assert (len(model.floes), model.counters.rebuilds) == (floes, lists)
     model.advance(30.0)
     assert len(model.floes) > floes and model.counters.rebuilds > lists
+
+
+def test_a_state_that_does_not_say_how_many_pairs_were_tested_is_taken_up():
+    model = amid()
+    counted = model.state()["counters"]
+    old = restarted(model, counters=counted[:-2])
+    assert old.counters.steps == model.counters.steps > 0
+    assert old.counters.tested == old.counters.listed == 0 < model.counters.listed
+    with pytest.raises(InputError, match="restart: counters: 3 of them; must be 10, or 8"):
+        restarted(model, counters=counted[:3])

@@ -73,3 +73,12 @@ def test_floes_periods_away_are_paired_as_their_images_are():
     for away in (0.0, 300.0, -700.0):
         pairs = find_pairs(np.full(3, 50.0), y + [0.0, away, 0.0], np.full(3, 5.0), (None, 100.0))
         assert sorted((*pairs.i, *pairs.j)) == [0, 1]
+
+
+def test_what_is_tested_is_counted_and_is_the_floes_in_reach():
+    """Each floe looks at all of the cells that it reaches into, at itself too."""
+    crowd = find_pairs(np.linspace(0.0, 1.0, 5), np.zeros(5), np.ones(5))
+    assert (crowd.tested, len(crowd.i)) == (25, 10)
+    lonely = find_pairs(np.arange(0.0, 500.0, 100.0), np.zeros(5), np.ones(5))
+    assert (lonely.tested, len(lonely.i)) == (5, 0)
+    assert find_pairs(np.zeros(0), np.zeros(0), np.zeros(0)).tested == 0

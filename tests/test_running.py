@@ -322,7 +322,9 @@ def test_a_run_is_silent_unless_asked_and_the_meter_shows_time_and_speed(capsys)
 def test_the_report_and_its_profile_say_what_was_done():
     report = run(drifting(u=0.5), 60.0)
     assert report.floe_steps == report.counters.floe_steps > 0
-    assert report.wall.total >= report.wall.ice > report.wall.steps > 0
+    wall = report.wall
+    assert wall.total >= wall.ice > wall.steps > 0 and wall.lists > 0 and wall.exchange > 0
+    assert report.shares == {}  # nobody asked
     assert report.contacts == 0
     assert "simulated in" in str(report)
     assert "ocean drag" in str(report)
@@ -342,18 +344,24 @@ def test_the_report_counts_the_steps_of_its_own_run():
 
 
 def test_the_speed_is_that_after_the_first_exchange_and_the_profile_adds_up():
-    wall = WallTime(forcing=1.0, ice=9.0, steps=6.0, output=2.0, first=5.0, total=20.0)
-    counters = Counters(steps=50, floe_steps=5000, rebuilds=5, pairs=10_000)
-    report = Report(True, 0.0, 60.0, wall, 5000, 1000, counters, None, 7, ())
+    wall = WallTime(forcing=1.0, ice=9.0, steps=6.0, lists=1.0, output=2.0, first=5.0, total=20.0)
+    counters = Counters(
+        steps=50, floe_steps=5000, rebuilds=5, pairs=10_000, tested=4000, listed=1000
+    )
+    shares = {"contacts": 0.5, "motion": 0.5}
+    report = Report(True, 0.0, 60.0, wall, 5000, 1000, counters, None, 7, (), shares)
     assert report.speed == 4000 / 4.0
     rows = {line[:28].strip(): line[28:].split() for line in report.profile().splitlines()}
     assert rows["rest"] == ["8.00", "s", "40%"]
-    assert rows["of it steps"] == ["6.00", "s", "30%"]
-    assert rows["of it exchange, lists"] == ["3.00", "s", "15%"]
+    assert rows["steps"] == ["50"]
+    assert rows["contacts"] == rows["motion"] == ["3.00", "s", "15%"]  # of the steps
+    assert rows["lists of neighbours"] == ["1.00", "s", "5%"]
+    assert rows["exchange"] == ["2.00", "s", "10%"]
     assert rows["contacts at the end"] == ["7"]
     assert rows["a floe-step, later on"] == ["1000000.0", "ns"]
     assert rows["renewals of the pair list"] == ["5", "10", "steps", "each"]
-    assert rows["pairs listed"] == ["10000", "2.00", "per", "floe-step"]
+    assert rows["pairs tested for it"] == ["4000", "25%", "listed"]
+    assert rows["pairs listed, in all steps"] == ["10000", "2.00", "per", "floe-step"]
 
 
 def test_a_scene_without_floes_runs_and_writes_files(tmp_path):
