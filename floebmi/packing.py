@@ -172,23 +172,7 @@ def from_field(
         raise InputError(f"max_concentration = {max_concentration!r}; must be in (0, 0.88]")
     fraction = _field("area_fraction", area_fraction, grid)
     depth = _field("thickness", thickness, grid)
-    for name, wrong, values, right in (
-        (
-            "area_fraction",
-            ~((fraction >= 0) & (fraction <= 1)),
-            fraction,
-            "must be between 0 and 1",
-        ),
-        (
-            "thickness",
-            ~((depth > 0) & np.isfinite(depth)) & (fraction > 0),
-            depth,
-            "must be greater than 0 where there is ice",
-        ),
-    ):
-        if (wrong & grid.wet).any():
-            cell = int(np.flatnonzero(wrong & grid.wet)[0])
-            raise InputError(f"{name} of cell {cell} = {values[cell]}; {right}")
+    _check_ice(fraction, depth, grid)
     rng = _generator(seed)
     fraction = np.where(grid.wet, fraction, 0.0)
     check_images(grid, domain.period)
@@ -281,30 +265,7 @@ def regular(
                 f"apart, less than 2 radii, {2 * radius:g} m; choose a larger spacing"
             )
     else:
-        if not (is_number(concentration) and 0 < concentration < 1):
-            raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
-        per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
-        ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
-        # edges leave bare strips, so the spacing that gives the concentration can be far below the
-        # ideal
-        trials = [
-            _rows(domain, radius, ideal * factor, lattice, stretch)
-            for factor in np.linspace(1.1, 0.6, 251)
-            for stretch in np.linspace(0.95, 1.05, 11)
-        ]
-        target = concentration * domain.area / (np.pi * radius**2)
-        fitting = [rows for rows in trials if rows.nearest >= 2 * radius * (1 - 1e-12)]
-        best = min(
-            fitting,
-            key=lambda rows: (max(abs(rows.floes / target - 1), CLOSE_ENOUGH), rows.stretch),
-            default=None,
-        )
-        if best is None or abs(best.floes / target - 1) > WHOLE_ROWS:
-            nearest = 0.0 if best is None else best.floes / target * concentration
-            raise InputError(
-                f"concentration = {concentration:g}: no whole number of rows comes within 3 % "
-                f"without overlap; nearest that fits: {nearest:.4g}"
-            )
+        best = _rows_of_concentration(domain, radius, concentration, lattice)
     x, y = _on_rows(best, domain)
     return Floes(x, y, radius, thickness)
 
@@ -447,6 +408,36 @@ def _rows(
     return _Rows(dx, dy, even, odd, rows, dx / 2 if hexagonal else 0.0, abs(dx * height / dy - 1))
 
 
+def _rows_of_concentration(
+    domain: Domain, radius: float, concentration: float | None, lattice: str
+) -> _Rows:
+    """The lattice nearest to a concentration of all that fit, with as little stretch as that allows."""
+    if not (is_number(concentration) and 0 < concentration < 1):
+        raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+    per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
+    ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
+    # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
+    trials = [
+        _rows(domain, radius, ideal * factor, lattice, stretch)
+        for factor in np.linspace(1.1, 0.6, 251)
+        for stretch in np.linspace(0.95, 1.05, 11)
+    ]
+    target = concentration * domain.area / (np.pi * radius**2)
+    fitting = [rows for rows in trials if rows.nearest >= 2 * radius * (1 - 1e-12)]
+    best = min(
+        fitting,
+        key=lambda rows: (max(abs(rows.floes / target - 1), CLOSE_ENOUGH), rows.stretch),
+        default=None,
+    )
+    if best is None or abs(best.floes / target - 1) > WHOLE_ROWS:
+        nearest = 0.0 if best is None else best.floes / target * concentration
+        raise InputError(
+            f"concentration = {concentration:g}: no whole number of rows comes within 3 % "
+            f"without overlap; nearest that fits: {nearest:.4g}"
+        )
+    return best
+
+
 def _on_rows(rows: _Rows, domain: Domain) -> tuple[np.ndarray, np.ndarray]:
     counts = np.where(np.arange(rows.rows) % 2, rows.odd, rows.even)
     row = np.repeat(np.arange(rows.rows), counts)
@@ -540,6 +531,27 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
             f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"
         )
     return np.broadcast_to(flat(name, values, grid.shape) if values.ndim else values, grid.size)
+
+
+def _check_ice(fraction: np.ndarray, depth: np.ndarray, grid: Grid) -> None:
+    """Refuse a wet cell that has more ice than there is room, or ice that has no thickness."""
+    for name, values, wrong, right in (
+        (
+            "area_fraction",
+            fraction,
+            ~((fraction >= 0) & (fraction <= 1)),
+            "must be between 0 and 1",
+        ),
+        (
+            "thickness",
+            depth,
+            ~((depth > 0) & np.isfinite(depth)) & (fraction > 0),
+            "must be greater than 0 where there is ice",
+        ),
+    ):
+        cells = np.flatnonzero(wrong & grid.wet)
+        if cells.size:
+            raise InputError(f"{name} of cell {cells[0]} = {values[cells[0]]}; {right}")
 
 
 def _generator(seed: int) -> np.random.Generator:
