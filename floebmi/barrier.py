@@ -98,9 +98,7 @@ def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray
     high = np.maximum(west, east), np.maximum(south, north)
     near = np.ones(len(segments), bool)
     for axis, (first, last) in enumerate((domain.x, domain.y)):
-        margin = (
-            last - first
-        )  # floes reach less far across an edge, and nothing is lost by more guards
+        margin = last - first  # floes reach less far across an edge; more guards do no harm
         near &= (high[axis] > first - margin) & (low[axis] < last + margin)
     segments = segments[near]
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
