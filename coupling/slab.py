@@ -170,9 +170,8 @@ class TwoSlabOcean(Bmi):
             values[RECEIVED[axis]] += (values[STRESS[axis]] * self._grid.area).sum() * dt
         difference = [values[SURFACE[axis]] - values[DEEP[axis]] for axis in (0, 1)]
         speed = np.hypot(*difference)
-        coefficient = ocean.density * (
-            ocean.linear_drag + ocean.quadratic_drag * speed
-        )  # eq. two-slab
+        # eq. two-slab: r = coefficient · difference
+        coefficient = ocean.density * (ocean.linear_drag + ocean.quadratic_drag * speed)
         share = coefficient * dt / (1 + coefficient * dt * (1 / upper + 1 / lower))
         for axis in (0, 1):
             handed_down = share * difference[axis]

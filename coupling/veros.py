@@ -182,9 +182,7 @@ class SeaIce:
             into[INNER, 1:-2] = points
         elif self._cyclic:
             into[1:-3, INNER] = points
-            into[-3, INNER] = points[
-                0
-            ]  # the east face of the last cell is the west face of the first
+            into[-3, INNER] = points[0]  # east of the last cell is west of the first
         else:
             into[1:-2, INNER] = points
 

@@ -58,12 +58,7 @@ if TYPE_CHECKING:
     from floebmi.model import Fluid, Model
     from floebmi.scene import Scene
 
-CELLS, WHOLE, AIR, FLOES = (
-    0,
-    1,
-    2,
-    3,
-)  # BMI grids: exchange cells, one number, the air's cells, floes
+CELLS, WHOLE, AIR, FLOES = range(4)  # BMI grids: exchange cells, one number, the air's cells, floes
 SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
 
 _TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take

@@ -25,7 +25,7 @@ import argparse
 import importlib
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -168,56 +168,66 @@ def check_host(
     if not answers[-1].passed:
         return answers
     step = host.get_time_step() * _unit(host.get_time_units()).convert(1.0, "s")
-    for axis, letter in enumerate("xy"):
-        pushed = trial.run(axis, place)[1]
-        if not np.isfinite(pushed[:, wet]).all():
-            answers.append(
-                Answer(f"axes, push along {letter}", False, "after the push velocities are no numbers")
-            )  # fmt: skip
-            continue
-        change = np.where(wet, pushed - quiet, 0.0)
-        along, across = change[axis], change[1 - axis]
-        total, aside = along.sum(), across.sum()
-        right = bool(abs(aside) < ASIDE * abs(total) or total == aside == 0)
-        answers.append(
-            Answer(
-                f"axes, push along {letter}", right,
-                f"{PUSH:g} Pa along +{letter} changes the water's velocity by {total:+.4g} m s-1 along it and"
-                f" {aside:+.4g} m s-1 across it, in one step" + ("" if right else ": x and y are exchanged"),
-            )
-        )  # fmt: skip
-        if not right:
-            continue
-        answers.append(
-            Answer(
-                f"sign along {letter}", bool(total > 0),
-                "a positive stress accelerates the water" if total > 0
-                else "the sign is turned: the host wants the stress on the ice" if total < 0
-                else "nothing moves in the step of the push, but in the next: the stress acts one step late"
-                if trial.late(axis, place)
-                else f"nothing moves: the stress is not used, or row {row}, column {column} is land",
-            )
-        )  # fmt: skip
-        if not total > 0:
-            continue
-        depth = PUSH * step / (density * total)
-        answers.append(
-            Answer(
-                f"size along {letter}", bool(np.isfinite(depth)),
-                f"as a layer of {depth:.4g} m with {density:g} kg m-3 would: is that the layer that the ice pushes?",
-            )
-        )  # fmt: skip
-        j, i = np.indices(trial.shape)
-        offset = np.array([(i * along).sum() / total - column, (j * along).sum() / total - row])
-        answers.append(
-            Answer(
-                f"staggering along {letter}", bool(np.abs(offset).max() < BESIDE),
-                f"the response is {offset[0]:+.3f}, {offset[1]:+.3f} cells (x, y) from the push"
-                + ("" if np.abs(offset).max() < BESIDE else ": bring stress and velocity to the same points"),
-            )
-        )  # fmt: skip
-        answers += _per(trial, axis, place, total)
+    for axis in (0, 1):
+        answers += _along(trial, axis, place, quiet, step, density)
     return answers
+
+
+def _along(
+    trial: "_Trial",
+    axis: int,
+    place: tuple[int, int],
+    quiet: np.ndarray,
+    step: float,
+    density: float,
+) -> Iterator[Answer]:
+    """What a push along an axis does to the water, for a step [s]: up to the first thing that is wrong.
+
+    quiet : velocities (2, rows, columns) [m s-1] after a step without a push, no numbers on land
+    density : of the water [kg m-3]
+    """
+    letter, wet, (row, column) = "xy"[axis], np.isfinite(quiet).all(axis=0), place
+    pushed = trial.run(axis, place)[1]
+    if not np.isfinite(pushed[:, wet]).all():
+        yield Answer(
+            f"axes, push along {letter}", False, "after the push velocities are no numbers"
+        )
+        return
+    change = np.where(wet, pushed - quiet, 0.0)
+    along, across = change[axis], change[1 - axis]
+    total, aside = along.sum(), across.sum()
+    right = bool(abs(aside) < ASIDE * abs(total) or total == aside == 0)
+    yield Answer(
+        f"axes, push along {letter}", right,
+        f"{PUSH:g} Pa along +{letter} changes the water's velocity by {total:+.4g} m s-1 along it and"
+        f" {aside:+.4g} m s-1 across it, in one step" + ("" if right else ": x and y are exchanged"),
+    )  # fmt: skip
+    if not right:
+        return
+    yield Answer(
+        f"sign along {letter}", bool(total > 0),
+        "a positive stress accelerates the water" if total > 0
+        else "the sign is turned: the host wants the stress on the ice" if total < 0
+        else "nothing moves in the step of the push, but in the next: the stress acts one step late"
+        if trial.late(axis, place)
+        else f"nothing moves: the stress is not used, or row {row}, column {column} is land",
+    )  # fmt: skip
+    if not total > 0:
+        return
+    depth = PUSH * step / (density * total)
+    yield Answer(
+        f"size along {letter}", bool(np.isfinite(depth)),
+        f"as a layer of {depth:.4g} m with {density:g} kg m-3 would: is that the layer that the ice pushes?",
+    )  # fmt: skip
+    j, i = np.indices(trial.shape)
+    offset = np.array([(i * along).sum() / total - column, (j * along).sum() / total - row])
+    there = bool(np.abs(offset).max() < BESIDE)
+    yield Answer(
+        f"staggering along {letter}", there,
+        f"the response is {offset[0]:+.3f}, {offset[1]:+.3f} cells (x, y) from the push"
+        + ("" if there else ": bring stress and velocity to the same points"),
+    )  # fmt: skip
+    yield from _per(trial, axis, place, total)
 
 
 def _per(trial: "_Trial", axis: int, place: tuple[int, int], total: float) -> list[Answer]:

@@ -13,10 +13,15 @@ if TYPE_CHECKING:
     from netCDF4 import Dataset
 
 
-def check_target(path: Path, overwrite: bool) -> None:
-    """InputError for a place where no file can be made, or where one stands that may not be replaced."""
+def check_folder(path: Path) -> None:
+    """InputError if there is no folder to make the file in."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}")
+
+
+def check_target(path: Path, overwrite: bool) -> None:
+    """InputError for a place where no file can be made, or where one stands that may not be replaced."""
+    check_folder(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give the name of a file")
     if path.exists() and not overwrite:

@@ -17,54 +17,47 @@ ice, floes that have left or have not yet come.
 import contextlib
 import datetime
 import errno
-import hashlib
-import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
 import floebmi
-from floebmi.clock import date_of, text_of
+from floebmi.cf import (
+    FLAGS,
+    GEOGRAPHIC,
+    Place,
+    define_grid,
+    define_land,
+    define_ledger,
+    define_projection,
+    define_time,
+    define_walls,
+    describe,
+    geographic,
+    storage,
+    time_attributes,
+    write_ledger,
+)
 from floebmi.coast import land_geometry
+from floebmi.entries import checksum, entries_of, state_of
 from floebmi.errors import InputError, choose
 from floebmi.files import check_target, disk_full_told, in_one_go, new_file
-from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, LAND
-from floebmi.projection import check_projection, to_lonlat
+from floebmi.projection import check_projection
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
-    import shapely
     from netCDF4 import Dataset
 
     from floebmi.grid import Grid
     from floebmi.model import Model
 
-EPOCH = "2000-01-01 00:00:00"  # for runs without a date; `time:epoch` then says "arbitrary"
-CHUNK = 4096  # numbers in a chunk of a small field; larger ones: a compressed chunk per frame
-ACCOUNT_LENGTH = 32  # characters of a name in the ledger
 FILE_VERSION = 1
 RESTART_VERSION = 1
-
-_FLAGS = {
-    "motion": {
-        "flag_masks": np.array([FIXED_X, FIXED_Y, FIXED_ROTATION, LAND], np.int8),
-        "flag_meanings": "x_velocity_prescribed y_velocity_prescribed rotation_prescribed land",
-    },
-    "land_mask": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "sea land"},
-}
-
-
-class _Place(NamedTuple):
-    """A grid as it stands in a file: the dimensions of its fields, and their common attributes."""
-
-    grid: "Grid"
-    dimensions: tuple[str, ...]
-    attributes: dict[str, str]
 
 
 class _GrowingFile:
@@ -163,7 +156,7 @@ class GriddedWriter(_GrowingFile):
         overwrite: bool = False,
     ) -> None:
         super().__init__(path, overwrite)
-        self._clock = _time_attributes(reference, calendar)
+        self._clock = time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
         self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "gridded")
@@ -192,34 +185,34 @@ class GriddedWriter(_GrowingFile):
                 if row.needs_ice:
                     field[values["area_fraction"] == 0.0] = np.nan
                 data[row.file_name][k] = field.reshape(grid.shape)
-            _write_ledger(data, k, model)
+            write_ledger(data, k, model.ledger)
         self._before = now
 
     def _define(self, data: "Dataset", model: "Model") -> None:
         data.setncatts(self._attributes)
         data.createDimension("time", None)
         data.createDimension("bnds", 2)
-        _define_time(data, self._clock)
+        define_time(data, self._clock)
         data["time"].bounds = "time_bnds"
         data.createVariable("time_bnds", "f8", ("time", "bnds"), chunksizes=(512, 2))
-        _define_ledger(data)
-        _define_projection(data, self._projection)
-        _define_land(data, self._land)
-        places: dict[int, _Place] = {}
+        define_ledger(data)
+        define_projection(data, self._projection)
+        define_land(data, self._land)
+        places: dict[int, Place] = {}
         for row in self._rows:
             grid = _grid_of(model, row)
             if id(grid) not in places:
                 suffix = "" if grid is model.grid else f"_{row.grid}"
-                places[id(grid)] = _define_grid(data, grid, suffix, self._projection)
+                places[id(grid)] = define_grid(data, grid, suffix, self._projection)
             place = places[id(grid)]
             variable = data.createVariable(
                 row.file_name,
                 "f8",
                 ("time", *place.dimensions),
                 fill_value=np.nan,
-                **_storage(place.grid.size, place.grid.shape),
+                **storage(place.grid.size, place.grid.shape),
             )
-            variable.setncatts({**_describe(row), **place.attributes})
+            variable.setncatts({**describe(row), **place.attributes})
 
 
 @final
@@ -258,7 +251,7 @@ class TrajectoryWriter(_GrowingFile):
         overwrite: bool = False,
     ) -> None:
         super().__init__(path, overwrite)
-        self._clock = _time_attributes(reference, calendar)
+        self._clock = time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
         self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "trajectories")
@@ -292,7 +285,7 @@ class TrajectoryWriter(_GrowingFile):
         with self._frame(model.time) as (data, k):
             if k == 0:
                 self._define(data, values, n)
-                _define_walls(data, model.wall_edges)
+                define_walls(data, model.wall_edges)
             data["time"][k] = model.time
             first = len(data.dimensions["trajectory"])
             data["trajectory"][first:n] = np.arange(first, n)
@@ -305,7 +298,7 @@ class TrajectoryWriter(_GrowingFile):
             if model.wall_edges:
                 data["wall_position"][k] = model.wall_positions
                 data["wall_normal_stress"][k] = model.wall_stress()
-            _write_ledger(data, k, model)
+            write_ledger(data, k, model.ledger)
         self._written = {name: values[name].copy() for name in self._constant}
 
     def _values(self, model: "Model") -> dict[str, np.ndarray]:
@@ -316,17 +309,17 @@ class TrajectoryWriter(_GrowingFile):
         if self._contacts:
             values.update(_contact_sums(model))
         if self._projection is not None:
-            values.update(_geographic(self._projection, floes.x, floes.y))
+            values.update(geographic(self._projection, floes.x, floes.y))
         return values
 
     def _define(self, data: "Dataset", values: Mapping[str, np.ndarray], n: int) -> None:
         data.setncatts(self._attributes)
         data.createDimension("time", None)
         data.createDimension("trajectory", None)
-        _define_time(data, self._clock)
-        _define_ledger(data)
-        _define_projection(data, self._projection)
-        _define_land(data, self._land)
+        define_time(data, self._clock)
+        define_ledger(data)
+        define_projection(data, self._projection)
+        define_land(data, self._land)
         width = min(max(n, 64), 65536)
         number = data.createVariable("trajectory", "i4", ("trajectory",), chunksizes=(width,))
         number.setncatts({"cf_role": "trajectory_id", "long_name": "number of the floe"})
@@ -343,18 +336,18 @@ class TrajectoryWriter(_GrowingFile):
                     value.dtype,
                     ("time", "trajectory"),
                     fill_value=np.nan if value.dtype == np.float64 else -1,
-                    **_storage(width, (width,)),
+                    **storage(width, (width,)),
                 )
                 if name not in places:
                     variable.coordinates = " ".join(places)
                 if self._projection is not None:
                     variable.grid_mapping = "crs"
-            variable.setncatts(_describe(rows[name]) if name in rows else _GEOGRAPHIC[name])
-            variable.setncatts(_FLAGS.get(name, {}))
+            variable.setncatts(describe(rows[name]) if name in rows else GEOGRAPHIC[name])
+            variable.setncatts(FLAGS.get(name, {}))
         data["x"].axis, data["y"].axis = "X", "Y"
 
 
-# ---- what stands in the files -----------------------------------------------------------------
+# ---- what a model gives to its files ----------------------------------------------------------
 
 
 def _global_attributes(
@@ -377,7 +370,8 @@ def _global_attributes(
         "domain_x": np.array(model.domain.x, float),
         "domain_y": np.array(model.domain.y, float),
     }
-    made.update((f"domain_{edge}", getattr(model.domain, edge)) for edge in _EDGES)
+    for edge in ("west", "east", "south", "north"):
+        made[f"domain_{edge}"] = getattr(model.domain, edge)
     if kind == "gridded" and model.grid.kind == "unstructured":
         made["Conventions"] += " UGRID-1.0"
     for name, value in (given or {}).items():
@@ -387,284 +381,6 @@ def _global_attributes(
             raise InputError(f"attribute {name!r} = {value!r}: must be a text or a number")
         made[name] = value
     return made
-
-
-_EDGES = ("west", "east", "south", "north")
-
-
-def _time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
-    date = text_of(reference or EPOCH)
-    date_of(date, calendar, "reference")
-    attributes = {
-        "standard_name": "time",
-        "long_name": "time",
-        "units": f"seconds since {date}",
-        "calendar": calendar,
-        "axis": "T",
-    }
-    if calendar == "standard":
-        attributes["units_metadata"] = "leap_seconds: none"
-    if reference is None:
-        attributes["epoch"] = "arbitrary"
-        attributes["comment"] = "the run has no date; these are seconds since its start"
-    return attributes
-
-
-def _define_time(data: "Dataset", attributes: Mapping[str, str]) -> None:
-    data.createVariable("time", "f8", ("time",), chunksizes=(512,)).setncatts(attributes)
-
-
-def _define_walls(data: "Dataset", edges: tuple[str, ...]) -> None:
-    if not edges:
-        return
-    data.createDimension("wall", len(edges))
-    data.createVariable("wall", str, ("wall",))[:] = np.array(edges, object)
-    data["wall"].long_name = "edge of the domain at which the wall stands"
-    for name, units, text in (
-        ("wall_position", "m", "coordinate of the wall along its normal"),
-        ("wall_normal_stress", "Pa", "normal stress of the ice on the wall, positive presses"),
-    ):
-        variable = data.createVariable(name, "f8", ("time", "wall"), **_storage(512, (len(edges),)))
-        variable.setncatts({"units": units, "long_name": text})
-
-
-# pyproj knows the CF name of this method on an ellipsoid only
-SPHERICAL = "Lambert Azimuthal Equal Area (Spherical)"
-
-
-def _define_projection(data: "Dataset", projection: str | None) -> None:
-    if projection is None:
-        return
-    import pyproj
-
-    crs = pyproj.CRS.from_user_input(projection)
-    attributes = crs.to_cf()
-    name = attributes.get(
-        "grid_mapping_name"
-    )  # a projection that CF does not know is told by its crs_wkt
-    if name is None and crs.coordinate_operation.method_name == SPHERICAL:
-        values = {p.name: p.value for p in crs.coordinate_operation.params}
-        attributes |= {
-            "grid_mapping_name": "lambert_azimuthal_equal_area",
-            "latitude_of_projection_origin": values["Latitude of natural origin"],
-            "longitude_of_projection_origin": values["Longitude of natural origin"],
-            "false_easting": values["False easting"],
-            "false_northing": values["False northing"],
-            "earth_radius": crs.ellipsoid.semi_major_metre,
-        }
-    if name == "polar_stereographic":
-        # CF asks for the pole beside the standard parallel; pyproj leaves it out
-        pole = np.copysign(90.0, attributes.get("standard_parallel", 90.0))
-        attributes.setdefault("latitude_of_projection_origin", pole)
-    _container(data, "crs", attributes)
-
-
-def _container(data: "Dataset", name: str, attributes: Mapping[str, Any]) -> None:
-    """A variable whose number means nothing: its attributes count."""
-    container = data.createVariable(name, "i4")
-    container.setncatts(attributes)
-    container[...] = 0
-
-
-_GEOGRAPHIC = {
-    "latitude": {
-        "standard_name": "latitude",
-        "long_name": "latitude",
-        "units": "degrees_north",
-    },
-    "longitude": {
-        "standard_name": "longitude",
-        "long_name": "longitude",
-        "units": "degrees_east",
-    },
-}
-
-
-def _geographic(projection: str, x: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
-    longitude, latitude = to_lonlat(projection, x, y)
-    return {"latitude": latitude, "longitude": longitude}
-
-
-def _define_land(data: "Dataset", land: "shapely.Geometry") -> None:
-    """Land as CF polygons (CF 7.5): shores counter-clockwise, lakes clockwise."""
-    import shapely
-
-    shapes = [shapely.geometry.polygon.orient(part) for part in shapely.get_parts(land)]
-    if not shapes:
-        return
-    rings = [shapely.get_rings(shape) for shape in shapes]
-    nodes = [shapely.get_coordinates(ring) for of_shape in rings for ring in of_shape]
-    data.createDimension("land", len(shapes))
-    data.createDimension("land_ring", len(nodes))
-    data.createDimension("land_node", sum(map(len, nodes)))
-    _container(
-        data,
-        "land_polygons",
-        {
-            "geometry_type": "polygon",
-            "node_coordinates": "land_x land_y",
-            "node_count": "land_node_count",
-            "part_node_count": "land_ring_node_count",
-            "interior_ring": "land_interior_ring",
-        },
-    )
-    for name, dimension, text, values in (
-        (
-            "node_count",
-            "land",
-            "corners of each piece of land",
-            map(shapely.count_coordinates, shapes),
-        ),
-        ("ring_node_count", "land_ring", "corners of each ring", map(len, nodes)),
-        (
-            "interior_ring",
-            "land_ring",
-            "0 for a shore, 1 for the shore of a lake",
-            (int(k > 0) for of_shape in rings for k in range(len(of_shape))),
-        ),
-    ):
-        variable = data.createVariable(f"land_{name}", "i4", (dimension,), fill_value=False)
-        variable.long_name = text
-        variable[:] = list(values)
-    for axis, values in zip("xy", np.concatenate(nodes).T, strict=True):
-        corner = data.createVariable(f"land_{axis}", "f8", ("land_node",))
-        corner.setncatts({"axis": axis.upper(), "units": "m", "long_name": "corner of land"})
-        corner[:] = values
-
-
-def _define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | None) -> _Place:
-    """Dimensions, coordinates, bounds, areas and mask of a grid."""
-    if grid.kind == "unstructured":
-        dimensions = (f"cell{suffix}",)
-        corners = _define_mesh
-    elif grid.x_edges is None:
-        dimensions = (f"j{suffix}", f"i{suffix}")
-        corners = _define_corners
-    else:
-        dimensions = (f"y{suffix}", f"x{suffix}")
-        corners = _define_edges
-    for name, size in zip(dimensions, grid.shape, strict=True):
-        data.createDimension(name, size)
-    attributes = corners(data, grid, suffix, dimensions)
-    if projection is not None:
-        attributes["grid_mapping"] = "crs"
-        for name, values in _geographic(projection, grid.x, grid.y).items():
-            place = data.createVariable(name + suffix, "f8", dimensions)
-            place.setncatts(_GEOGRAPHIC[name])
-            place[:] = values.reshape(grid.shape)
-            attributes["coordinates"] = (
-                f"{attributes.get('coordinates', '')} {name}{suffix}".strip()
-            )
-    area = data.createVariable(f"cell_area{suffix}", "f8", dimensions)
-    area.setncatts({"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"})
-    area.setncatts(attributes)
-    area[:] = grid.area.reshape(grid.shape)
-    if not grid.wet.all():
-        mask = data.createVariable(f"land_mask{suffix}", "i1", dimensions, fill_value=False)
-        mask.setncatts({"standard_name": "land_binary_mask", "long_name": "1 on land, 0 on sea"})
-        mask.setncatts({"units": "1", **_FLAGS["land_mask"], **attributes})
-        mask[:] = ~grid.wet.reshape(grid.shape)
-    return _Place(grid, dimensions, {"cell_measures": f"area: cell_area{suffix}", **attributes})
-
-
-def _centre(axis: str) -> dict[str, str]:
-    return {
-        "standard_name": f"projection_{axis}_coordinate",
-        "long_name": f"{axis} of the cell's centre",
-        "units": "m",
-    }
-
-
-def _define_edges(
-    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...]
-) -> dict[str, str]:
-    ny, nx = grid.shape
-    centres = {"y": grid.y.reshape(ny, nx)[:, 0], "x": grid.x.reshape(ny, nx)[0]}
-    edges = {"y": grid.y_edges, "x": grid.x_edges}
-    for axis, name in zip("yx", dimensions, strict=True):
-        centre = data.createVariable(name, "f8", (name,))
-        centre.setncatts({**_centre(axis), "axis": axis.upper(), "bounds": f"{name}_bnds"})
-        centre[:] = centres[axis]
-        bounds = data.createVariable(f"{name}_bnds", "f8", (name, "bnds"))
-        bounds[:] = np.stack([edges[axis][:-1], edges[axis][1:]], axis=1)
-    return {}
-
-
-def _define_corners(
-    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...]
-) -> dict[str, str]:
-    data.createDimension(f"corner{suffix}", 4)
-    for axis in "xy":
-        name = axis + suffix
-        centre = data.createVariable(name, "f8", dimensions)
-        centre.setncatts({**_centre(axis), "bounds": f"{name}_bnds"})
-        centre[:] = getattr(grid, axis).reshape(grid.shape)
-        bounds = data.createVariable(f"{name}_bnds", "f8", (*dimensions, f"corner{suffix}"))
-        bounds[:] = getattr(grid, f"node_{axis}")[grid.face_nodes].reshape(*grid.shape, 4)
-    return {"coordinates": f"x{suffix} y{suffix}"}
-
-
-def _define_mesh(
-    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...]
-) -> dict[str, str]:
-    """Polygons by the UGRID conventions."""
-    (cell,) = dimensions
-    data.createDimension(f"node{suffix}", grid.node_x.size)
-    data.createDimension(f"corner{suffix}", grid.face_nodes.shape[1])
-    _container(
-        data,
-        f"mesh{suffix}",
-        {
-            "cf_role": "mesh_topology",
-            "long_name": "cells of the exchange grid",
-            "topology_dimension": np.int32(2),
-            "node_coordinates": f"node_x{suffix} node_y{suffix}",
-            "face_coordinates": f"x{suffix} y{suffix}",
-            "face_node_connectivity": f"face_nodes{suffix}",
-            "face_dimension": cell,
-        },
-    )
-    faces = data.createVariable(
-        f"face_nodes{suffix}", "i4", (cell, f"corner{suffix}"), fill_value=-1
-    )
-    faces.setncatts(
-        {
-            "cf_role": "face_node_connectivity",
-            "long_name": "nodes of each cell, counter-clockwise",
-            "start_index": np.int32(0),
-        }
-    )
-    faces[:] = grid.face_nodes
-    for axis in "xy":
-        node = data.createVariable(f"node_{axis}{suffix}", "f8", (f"node{suffix}",))
-        node.setncatts({**_centre(axis), "long_name": f"{axis} of the node"})
-        node[:] = getattr(grid, f"node_{axis}")
-        centre = data.createVariable(axis + suffix, "f8", dimensions)
-        centre.setncatts(_centre(axis))
-        centre[:] = getattr(grid, axis)
-    return {
-        "coordinates": f"x{suffix} y{suffix}",
-        "mesh": f"mesh{suffix}",
-        "location": "face",
-    }
-
-
-def _describe(row: Variable) -> dict[str, str]:
-    attributes = {"long_name": row.text, "units": row.units, "csdms_name": row.csdms}
-    if row.cf is not None:
-        attributes["standard_name"] = row.cf
-    if row.positive:
-        attributes["comment"] = row.positive
-    if row.grid != "floe":
-        attributes["cell_methods"] = row.mean
-    return attributes
-
-
-def _storage(size: int, shape: tuple[int, ...]) -> dict[str, Any]:
-    """Large fields: one compressed chunk per frame; small ones: plain chunks of several frames."""
-    if size >= CHUNK:
-        return {"chunksizes": (1, *shape), "compression": "zlib", "complevel": 1}
-    return {"chunksizes": (CHUNK // size, *shape)}
 
 
 def _grid_of(model: "Model", row: Variable) -> "Grid":
@@ -746,55 +462,6 @@ def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
     return sums
 
 
-# ---- ledger -----------------------------------------------------------------------------------
-
-
-def _define_ledger(data: "Dataset") -> None:
-    from floebmi.budgets import QUANTITIES, UNITS
-
-    data.createDimension("ledger_account", None)
-    data.createDimension("ledger_quantity", len(QUANTITIES))
-    quantity = data.createVariable("ledger_quantity", str, ("ledger_quantity",))
-    quantity.long_name = "what is booked: " + ", ".join(
-        f"{name} [{unit}]" for name, unit in zip(QUANTITIES, UNITS, strict=True)
-    )
-    quantity[:] = np.array(QUANTITIES, object)
-    # characters, not strings: HDF5 keeps strings of a variable length apart from the rows that point to
-    # them, and a run that is killed while both go to the disk would leave rows that point to nothing
-    data.createDimension("ledger_name", ACCOUNT_LENGTH)
-    account = data.createVariable(
-        "ledger_account",
-        "S1",
-        ("ledger_account", "ledger_name"),
-        chunksizes=(16, ACCOUNT_LENGTH),
-    )
-    account.long_name = "accounts of the ledger"
-    account.setncattr("_Encoding", "utf-8")
-    gained = data.createVariable(
-        "ledger_gained",
-        "f8",
-        ("time", "ledger_account", "ledger_quantity"),
-        fill_value=np.nan,
-        chunksizes=(64, 4, len(QUANTITIES)),
-    )
-    gained.long_name = "what each account has brought to the ice since the start"
-    stock = data.createVariable(
-        "ledger_stock",
-        "f8",
-        ("time", "ledger_quantity"),
-        chunksizes=(128, len(QUANTITIES)),
-    )
-    stock.long_name = "what the ice has"
-
-
-def _write_ledger(data: "Dataset", k: int, model: "Model") -> None:
-    accounts = model.ledger.accounts
-    data["ledger_stock"][k] = model.ledger.now
-    if accounts:
-        data["ledger_account"][: len(accounts)] = np.array(list(accounts), f"U{ACCOUNT_LENGTH}")
-        data["ledger_gained"][k, : len(accounts)] = np.array(list(accounts.values()))
-
-
 # ---- reading ----------------------------------------------------------------------------------
 
 
@@ -859,18 +526,16 @@ def save_restart(
     InputError
         for a value of another kind, or a missing folder.
     """
-
     path = Path(path)
     check_target(path, overwrite=True)
-    flat = dict(_flatten(state, ()))
-    packed = {name: _pack(name, value) for name, value in flat.items()}
+    entries = entries_of(state)
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
     with disk_full_told(path), in_one_go(path, overwrite=True) as part:
         with new_file(part) as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)
-            data.checksum = _checksum(packed, told)
-            for name, (kind, array) in packed.items():
+            data.checksum = checksum(entries, told)
+            for name, (kind, array) in entries.items():
                 _write_entry(data, name, kind, array)
         with open(part, "rb") as file:
             os.fsync(file.fileno())
@@ -901,87 +566,16 @@ def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
                 raise InputError(
                     f"{path}: restart file of version {version}; this floebmi reads {RESTART_VERSION}"
                 )
-            packed = {
+            entries = {
                 name: (variable.kind, _read_entry(variable))
-                for name, variable in _entries(data, "")
+                for name, variable in _variables(data, "")
             }
-            intact = attributes.pop("checksum") == _checksum(packed, attributes)
+            intact = attributes.pop("checksum") == checksum(entries, attributes)
     except (OSError, RuntimeError, KeyError, AttributeError):
         raise damaged from None
     if not intact:
         raise damaged
-    state: dict[str, Any] = {}
-    for name, (kind, array) in packed.items():
-        *folders, last = name.split("/")
-        into = state
-        for folder in folders:
-            into = into.setdefault(folder, {})
-        if kind != "mapping":
-            into[last] = _unpack(kind, array)
-        else:
-            into.setdefault(last, {})
-    return state, attributes
-
-
-def _flatten(state: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
-    for name, value in state.items():
-        if not isinstance(name, str) or not name or "/" in name:
-            raise InputError(f"restart: key {name!r}: must be a text without '/'")
-        path = (*above, name)
-        if isinstance(value, Mapping) and value:
-            yield from _flatten(value, path)
-        else:
-            yield "/".join(path), value
-
-
-def _pack(name: str, value: Any) -> tuple[str, np.ndarray]:
-    """A word for what the value is, and an array that holds it to the last bit."""
-    if isinstance(value, Mapping):
-        return "mapping", np.zeros(0, np.uint8)
-    if value is None:
-        return "none", np.zeros(0, np.uint8)
-    if isinstance(value, bytes):
-        return "bytes", np.frombuffer(value, np.uint8)
-    if isinstance(value, str):
-        return "text", _as_bytes(value)
-    if isinstance(value, bool):
-        return "bool", np.array(value, np.uint8)
-    if isinstance(value, int):  # may be longer than 64 bits, as in the state of a random generator
-        return "int", _as_bytes(str(value))
-    if isinstance(value, float):
-        return "float", np.array(value)
-    array = np.asarray(value)
-    if array.dtype.kind == "U":
-        told = {"shape": array.shape, "dtype": array.dtype.str, "texts": array.ravel().tolist()}
-        return "texts", _as_bytes(json.dumps(told))
-    if array.dtype == np.bool_:
-        return "bools", array.astype(np.uint8)
-    if array.dtype.kind in "iuf" and array.dtype.itemsize <= 8 and array.dtype.isnative:
-        return "array", array
-    raise InputError(f"restart: {name} is {type(value).__name__} {array.dtype}: cannot be saved")
-
-
-def _unpack(kind: str, array: np.ndarray) -> Any:
-    if kind == "none":
-        return None
-    if kind == "bytes":
-        return array.tobytes()
-    if kind == "text":
-        return array.tobytes().decode()
-    if kind == "bool":
-        return bool(array)
-    if kind == "int":
-        return int(array.tobytes().decode())
-    if kind == "float":
-        return float(array)
-    if kind == "texts":
-        told = json.loads(array.tobytes())
-        return np.array(told["texts"], told["dtype"]).reshape(told["shape"])
-    return array.astype(np.bool_) if kind == "bools" else array
-
-
-def _as_bytes(text: str) -> np.ndarray:
-    return np.frombuffer(text.encode(), np.uint8)
+    return state_of(entries), attributes
 
 
 def _write_entry(data: "Dataset", name: str, kind: str, array: np.ndarray) -> None:
@@ -998,24 +592,14 @@ def _write_entry(data: "Dataset", name: str, kind: str, array: np.ndarray) -> No
         variable[...] = array
 
 
-def _entries(group: Any, above: str) -> Iterator[tuple[str, Any]]:
+def _variables(group: Any, above: str) -> Iterator[tuple[str, Any]]:
+    """The variables of a group of a file and of the groups in it, with their paths."""
     for name, variable in group.variables.items():
         yield above + name, variable
     for name, inner in group.groups.items():
-        yield from _entries(inner, f"{above}{name}/")
+        yield from _variables(inner, f"{above}{name}/")
 
 
 def _read_entry(variable: Any) -> np.ndarray:
     variable.set_auto_maskandscale(False)
     return np.ascontiguousarray(variable[...]).reshape(variable.shape)
-
-
-def _checksum(packed: Mapping[str, tuple[str, np.ndarray]], attributes: Mapping[str, Any]) -> str:
-    digest = hashlib.sha256()
-    for name in sorted(attributes):
-        digest.update(f"{name} {attributes[name]}\n".encode())
-    for name in sorted(packed):
-        kind, array = packed[name]
-        digest.update(f"{name} {kind} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()

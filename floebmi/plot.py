@@ -13,7 +13,7 @@ that PyPI's imageio-ffmpeg brings; matplotlib's own writers would look for one o
 import base64
 import json
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.files import in_one_go
+from floebmi.files import check_folder, in_one_go
 from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.output import open_file
 from floebmi.variables import VARIABLES, find
@@ -288,10 +288,7 @@ def animate(
     import matplotlib
 
     to = Path(to)
-    if to.suffix not in (".mp4", ".gif"):
-        raise InputError(f"{to}: {choose(to.suffix, ('.mp4', '.gif'))}")
-    if not to.parent.is_dir():
-        raise InputError(f"{to}: there is no folder {to.parent}")
+    _check_kind(to, (".mp4", ".gif"))
     for name, value in (("fps", fps), ("every", every)):
         if value < 1:
             raise InputError(f"{name} = {value}: must be at least 1")
@@ -339,10 +336,7 @@ def page(
         as `frame`, and for another ending of the name or every < 1.
     """
     to = Path(to)
-    if to.suffix != ".html":
-        raise InputError(f"{to}: {choose(to.suffix, ('.html',))}")
-    if not to.parent.is_dir():
-        raise InputError(f"{to}: there is no folder {to.parent}")
+    _check_kind(to, (".html",))
     if every < 1:
         raise InputError(f"every = {every}: must be at least 1")
     with ExitStack() as files:
@@ -357,6 +351,13 @@ def page(
 
 
 # ---- files ------------------------------------------------------------------------------------
+
+
+def _check_kind(to: Path, kinds: Sequence[str]) -> None:
+    """InputError for a file of another kind than those, or in a folder that is not there."""
+    if to.suffix not in kinds:
+        raise InputError(f"{to}: {choose(to.suffix, kinds)}")
+    check_folder(to)
 
 
 class _Clock:
@@ -593,11 +594,7 @@ def save(figure: "Figure", to: str | Path | None) -> "Figure":
     """
     if to is not None:
         to = Path(to)
-        kinds = figure.canvas.get_supported_filetypes()
-        if to.suffix[1:] not in kinds:
-            raise InputError(f"{to}: {choose(to.suffix, [f'.{kind}' for kind in kinds])}")
-        if not to.parent.is_dir():
-            raise InputError(f"{to}: there is no folder {to.parent}")
+        _check_kind(to, [f".{kind}" for kind in figure.canvas.get_supported_filetypes()])
         with in_one_go(to) as part:
             figure.savefig(part, format=to.suffix[1:])
     return figure

@@ -11,13 +11,12 @@ import contextlib
 import math
 import os
 import shutil
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Edge, Feeder, Inflow, Wall, check_domain
@@ -34,22 +33,25 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose, in_line
-from floebmi.floes import (
-    DRIVEN,
-    FIXED,
-    FIXED_ROTATION,
-    FIXED_X,
-    FIXED_Y,
-    Floes,
-    without_small,
-)
+from floebmi.floes import Floes
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
 from floebmi.running import check_forcing, check_intervals
+from floebmi.scene_floes import FromField, GroupTable, Sea, SizeTable, sizes_of
+from floebmi.scene_keys import (
+    FILE_PROJECTION,
+    FILL_LAND,
+    MASK,
+    POSITION,
+    SELECT,
+    FillLand,
+    Pair,
+    Position,
+    ScenePath,
+)
 from floebmi.scenes import packaged
-from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import (
     Table,
     apply_override,
@@ -70,32 +72,7 @@ if TYPE_CHECKING:
     from floebmi.model import Fluid, Model
 
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
-
-Pair = tuple[float, float]
-
-
-def _path(text: str) -> str:
-    if any(letter < " " for letter in text):  # an error would take several lines to name it
-        raise InputError("must be the path of a file, without control characters")
-    return text
-
-
-ScenePath = Annotated[str, AfterValidator(_path)]  # of a file, relative to the scene file
-Axis = Literal["x", "y", "rotation"]
-# those of places.py and remap.py, which need scipy: scenes are read without it
-Position = Literal["auto", "mapping", "lonlat"]
-FillLand = Literal["error", "nearest", "dry"]
-# of all tables that read a gridded file
-_POSITION = (
-    "by x, y with their projection (or axes of longitude and latitude), or by 2-D longitude and latitude, "
-    "where a file has both"
-)
-_FILE_PROJECTION = "plane of the file's own x and y, if it does not say or says it wrong"
-_SELECT = "index along any other dimension, as {member = 3}"
-_MASK = "its land-sea mask; 'none' takes missing values alone"
-_FILL_LAND = "what a wet cell gets where the file has only land"
 _DRAG = f"a preset ({', '.join(DRAG_PRESETS)}), or a table of coefficients"
-_AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 _EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
 
 
@@ -212,179 +189,7 @@ def _arrays(path: Path, *names: str) -> list[np.ndarray]:
         raise InputError(f"file = {str(path)!r}: not a NetCDF file ({error.strerror})") from None
 
 
-# ---- floes ------------------------------------------------------------------------------------
-
-
-class SizesFromFile(Table):
-    """Sizes from a CSV file: one column of radii [m], or two of lower bin edges [m] and counts."""
-
-    distribution: Literal["file"] = "file"
-    file: ScenePath = Field(
-        description="CSV with a header: radii [m], or lower bin edges [m] and counts"
-    )
-
-
-_SIZE_LAWS = {
-    "power_law": PowerLaw,
-    "uniform": UniformSize,
-    "single": SingleSize,
-    "histogram": Histogram,
-}
-SizeTable = one_of(
-    "distribution",
-    {word: table_of(law, "distribution", word) for word, law in _SIZE_LAWS.items()}
-    | {"file": SizesFromFile},
-)
-
-
-class Group(Table):
-    """Keys that all groups of floes have."""
-
-    velocity: Pair = Field(
-        (0.0, 0.0),
-        description="velocity at the start (along x, along y) [m/s]; else that of the file or list, or at rest",
-    )
-    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
-        "free",
-        description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
-        "['x', 'y', 'rotation']; floes of a file or list have their own unless it is given",
-    )
-    smallest: NonNegative = Field(
-        0.0, description="smaller floes are left out, the others thicker: the mass stays [m]"
-    )
-
-    @model_validator(mode="after")
-    def _fixed_floes_stand_still(self) -> Self:
-        if self.motion == "fixed" and self.velocity != (0.0, 0.0):
-            raise InputError("motion = 'fixed' stands still; with a velocity it is 'driven'")
-        return self
-
-    def finish(self, floes: Floes) -> Floes:
-        floes = without_small(floes, self.smallest)
-        if "velocity" in self.model_fields_set:
-            floes.u, floes.v = self.velocity
-        if "motion" in self.model_fields_set:
-            floes.motion = _motion_bits(self.motion)
-        return floes
-
-
-def _motion_bits(motion: str | list[Axis]) -> int:
-    if isinstance(motion, str):
-        return {"free": 0, "fixed": FIXED, "driven": DRIVEN}[motion]
-    return sum({_AXIS_BITS[axis] for axis in motion})
-
-
-class Scatter(Group):
-    """Irregular, without overlap, to a wanted concentration or number."""
-
-    arrangement: Literal["scatter"] = "scatter"
-    size: SizeTable = Field(description="size distribution, by number of floes")
-    concentration: PositiveFraction | None = Field(
-        None, description="area of the floes over the area of their region, to 0.85 [1]"
-    )
-    count: Count | None = Field(None, description="number of floes instead")
-    thickness: Positive = Field(1.0, description="of the floes [m]")
-    x: Pair | None = Field(
-        None, description="west and east bound of their region [m]; else the domain's"
-    )
-    y: Pair | None = Field(None, description="south and north bound of their region [m]")
-    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
-
-
-class Regular(Group):
-    """A lattice of equal floes."""
-
-    arrangement: Literal["regular"] = "regular"
-    radius: Positive = Field(description="of the floes [m]")
-    spacing: Positive | None = Field(None, description="between neighbouring centres [m]")
-    concentration: PositiveFraction | None = Field(None, description="instead of spacing [1]")
-    lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="how they are stacked")
-    thickness: Positive = Field(1.0, description="of the floes [m]")
-    x: Pair | None = Field(
-        None, description="west and east bound of their region [m]; else the domain's"
-    )
-    y: Pair | None = Field(None, description="south and north bound of their region [m]")
-
-
-class FromField(Group):
-    """As a gridded concentration and thickness say."""
-
-    arrangement: Literal["field"] = "field"
-    file: ScenePath = Field(description="NetCDF file with concentration and thickness")
-    concentration: str | None = Field(
-        None, description="its variable of area fraction; found by its standard name if left out"
-    )
-    thickness: str | Positive | None = Field(
-        None, description="its variable of thickness, or one thickness for all [m]"
-    )
-    thickness_of: Literal["auto", "ice", "cell"] = Field(
-        "auto",
-        description="what the file's thickness is the mean over: the ice, or the cell with its water",
-    )
-    units: str | None = Field(
-        None, description="of the file's thickness, if it does not say or says it wrong"
-    )
-    time: str | None = Field(
-        None, description="date of the ice; else time.start, else the file's first record"
-    )
-    select: dict[str, int] | None = Field(None, description=_SELECT)
-    mask: str = Field("auto", description=_MASK)
-    fill_land: FillLand = Field("error", description=_FILL_LAND)
-    outside: Literal["error", "open water"] = Field(
-        "error", description="what a wet cell gets that lies outside the file"
-    )
-    position: Position = Field("auto", description=_POSITION)
-    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
-    size: SizeTable = Field(description="size distribution, by number of floes")
-    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
-
-    @model_validator(mode="after")
-    def _one_thickness(self) -> Self:
-        for name, of_file in (("thickness_of", self.thickness_of != "auto"), ("units", self.units)):
-            if isinstance(self.thickness, float) and of_file:
-                raise InputError(
-                    f"{name} is about a thickness in the file, not about thickness = {self.thickness:g} of all floes:"
-                    " leave one of the two out"
-                )
-        return self
-
-
-class FromFile(Group):
-    """Floes from a CSV or GeoJSON file."""
-
-    arrangement: Literal["file"] = "file"
-    file: ScenePath = Field(description="CSV or GeoJSON of floes")
-    thickness: Positive | None = Field(
-        None, description="of all floes [m], for a file that has none"
-    )
-
-
-class OneFloe(Table):
-    """One floe of a list."""
-
-    x: float = Field(description="centre [m]")
-    y: float = Field(description="centre [m]")
-    radius: Positive = Field(description="of the floe [m]")
-    thickness: Positive = Field(1.0, description="of the floe [m]")
-    u: float = Field(0.0, description="velocity along x [m/s]")
-    v: float = Field(0.0, description="velocity along y [m/s]")
-    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
-        "free", description="as for a group of floes"
-    )
-
-
-class Listed(Group):
-    """Floes one by one."""
-
-    arrangement: Literal["list"] = "list"
-    each: list[OneFloe] = Field(description="tables of x, y, radius, thickness, u, v, motion")
-
-
-GroupTable = one_of(
-    "arrangement",
-    {"scatter": Scatter, "regular": Regular, "field": FromField, "file": FromFile, "list": Listed},
-    "scatter",
-)
+# ---- coast and inflow ---------------------------------------------------------------------------
 
 
 class CoastTable(Table):
@@ -396,12 +201,12 @@ class CoastTable(Table):
     variable: str | None = Field(
         None, description="its variable; found by its standard name if left out"
     )
-    select: dict[str, int] | None = Field(None, description=_SELECT)
+    select: dict[str, int] | None = Field(None, description=SELECT)
     outside: Literal["error", "land", "water"] = Field(
         "error", description="what a cell is that lies outside the file"
     )
-    position: Position = Field("auto", description=_POSITION)
-    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
+    position: Position = Field("auto", description=POSITION)
+    file_projection: str | None = Field(None, description=FILE_PROJECTION)
     geojson: ScenePath | None = Field(
         None, description="GeoJSON file with polygons of land instead"
     )
@@ -496,14 +301,14 @@ class FluidTable(Table):
         description="the level nearest to this depth, of wind to this height, is taken [m]; else that of the surface, "
         "of wind that at 10 m",
     )
-    select: dict[str, int] | None = Field(None, description=_SELECT)
+    select: dict[str, int] | None = Field(None, description=SELECT)
     units: str | None = Field(
         None, description="of the velocity, if the file does not say or says it wrong"
     )
-    mask: str = Field("auto", description=_MASK)
-    fill_land: FillLand = Field("error", description=_FILL_LAND)
-    position: Position = Field("auto", description=_POSITION)
-    file_projection: str | None = Field(None, description=_FILE_PROJECTION)
+    mask: str = Field("auto", description=MASK)
+    fill_land: FillLand = Field("error", description=FILL_LAND)
+    position: Position = Field("auto", description=POSITION)
+    file_projection: str | None = Field(None, description=FILE_PROJECTION)
     beyond_span: Literal["error", "hold", "repeat"] = Field(
         "error", description="what holds before the first and after the last record"
     )
@@ -785,11 +590,14 @@ class Scene(Table):
 
                 grid = grid.with_wet(~on_land(coast.polygons, grid.x, grid.y, domain))
         land = [] if coast is None else coast.polygons
+        sea = Sea(
+            domain, grid, coast, self._file.parent, self.domain.projection, self.time.start,
+            self.time.calendar,
+        )  # fmt: skip
         groups = []
         for k, group in enumerate(self.floes):
             with self._place_of_group(k):
-                groups.append(group.finish(self._arrange(group, k, domain, grid, coast)))
-                _check_inside(groups[-1], domain)
+                groups.append(group.build(sea, self.seed + k))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
         with self.place(""):
             model = Model(
@@ -800,7 +608,7 @@ class Scene(Table):
                 grid=grid,
                 walls=self.walls,
                 inflow=[
-                    law_of(table, Inflow)._replace(sizes=self._sizes(table.sizes))
+                    law_of(table, Inflow)._replace(sizes=sizes_of(table.sizes, self._file.parent))
                     for table in self.inflow
                 ],
                 step=self.step_law(),
@@ -825,7 +633,10 @@ class Scene(Table):
         with self.place("time"):
             start, calendar = self._begin(ocean, atmosphere)
         if self.time.start is None and start is not None:
-            self._check_ice_begins(start)
+            for k, group in enumerate(self.floes):
+                if isinstance(group, FromField):
+                    with self._place_of_group(k):
+                        group.check_begins(self._file.parent, start)
         return Built(model, ocean, atmosphere, land, start, calendar)
 
     def tilt_sea(self, model: "Model") -> None:
@@ -894,11 +705,6 @@ class Scene(Table):
         with self.place(name):
             return table.build(domain, self._file.parent)
 
-    def _sizes(self, table: Any) -> Any:
-        if isinstance(table, SizesFromFile):
-            return sizes_from_file(self._file.parent / table.file)
-        return law_of(table, _SIZE_LAWS[table.distribution])
-
     def _coast(self, table: CoastTable, grid: Grid | None, domain: Domain) -> "Coast":
         from floebmi import coast
 
@@ -929,96 +735,6 @@ class Scene(Table):
             grid.x.reshape(shape), grid.y.reshape(shape), land.reshape(shape),
             table.radius, table.thickness, period=period,
         )  # fmt: skip
-
-    def _arrange(
-        self, group: Any, k: int, domain: Domain, grid: Grid | None, land: "Coast | None"
-    ) -> Floes:
-        from floebmi import packing
-
-        seed = getattr(group, "seed", None)
-        seed = self.seed + k if seed is None else seed
-        region = _region(domain, getattr(group, "x", None), getattr(group, "y", None))
-        if land is not None and region.period != domain.period:
-            from floebmi.coast import within
-
-            # one period from where the region begins: it may lie across the seam
-            spans = {
-                name: (low, low + length)
-                for name, (low, _), length in zip("xy", region[:2], domain.period, strict=True)
-                if length is not None
-            }
-            land = within(land, domain._replace(**spans))
-        if isinstance(group, Scatter):
-            if (group.concentration is None) == (group.count is None):
-                raise InputError("give either concentration or count")
-            return packing.scatter(
-                region, self._sizes(group.size), concentration=group.concentration,
-                count=group.count, thickness=group.thickness, seed=seed, land=land,
-            )  # fmt: skip
-        if isinstance(group, Regular):
-            if (group.concentration is None) == (group.spacing is None):
-                raise InputError("give either concentration or spacing")
-            return packing.regular(
-                region, group.radius, spacing=group.spacing, concentration=group.concentration,
-                lattice=group.lattice, thickness=group.thickness,
-            )  # fmt: skip
-        if isinstance(group, FromField):
-            if grid is None:
-                raise InputError("arrangement = 'field' needs a [grid]")
-            fraction, thickness = self._ice_fields(group, grid)
-            if not fraction[grid.wet].any():
-                warnings.warn(f"{group.file}: there is no ice in the wet cells", stacklevel=2)
-            return packing.from_field(
-                grid, fraction, thickness, self._sizes(group.size), seed=seed, domain=domain,
-                land=land,
-            )  # fmt: skip
-        if isinstance(group, FromFile):
-            path = self._file.parent / group.file
-            plane = None if path.suffix.lower() == ".csv" else self.domain.projection
-            floes = packing.read_floes(path, group.thickness, plane)
-            if not len(floes):
-                warnings.warn(f"{group.file}: there are no floes in it", stacklevel=2)
-            return floes
-        return _listed(group.each)
-
-    def _ice_fields(self, group: FromField, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-        """Area fraction [1] and thickness of the ice itself [m] on the grid; no thickness is no ice."""
-        from floebmi.scalars import read_scalar
-
-        path, plane = self._file.parent / group.file, self.domain.projection
-        if group.time is not None:
-            date_of(group.time, self.time.calendar or "standard", "time")
-        of_file = {
-            "time": group.time or self.time.start, "select": group.select, "mask": group.mask,
-            "fill_land": group.fill_land, "outside": None if group.outside == "error" else 0.0,
-            "position": group.position, "file_projection": group.file_projection,
-        }  # fmt: skip
-        fraction = read_scalar(
-            path, "area_fraction", grid, plane, variable=group.concentration, **of_file
-        )
-        if isinstance(group.thickness, float):
-            return fraction, np.full(grid.size, group.thickness)
-        thickness = read_scalar(
-            path, "thickness", grid, plane,
-            variable=group.thickness, concentration=group.concentration,
-            thickness_of=group.thickness_of, units=group.units, **of_file,
-        )  # fmt: skip
-        return np.where(thickness > 0, fraction, 0.0), thickness
-
-    def _check_ice_begins(self, start: str) -> None:
-        """Refuse ice of a file's first record, where that is of another date than the wind and current at time 0."""
-        from floebmi.scalars import begins
-
-        for k, group in enumerate(self.floes):
-            if not isinstance(group, FromField) or group.time is not None:
-                continue
-            with self._place_of_group(k):
-                ice = begins(self._file.parent / group.file, group.concentration, group.select)
-                if ice not in (None, start):
-                    raise InputError(
-                        f"time is missing: the records of {group.file} begin at {ice}, time 0 is {start}, the first record"
-                        " of wind or current: say the date of the ice, or [time] start"
-                    )
 
     def _begin(
         self, ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
@@ -1072,32 +788,6 @@ class Scene(Table):
         )
 
 
-def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
-    """Part of a domain; where it is cut off, nothing is periodic."""
-    if x is not None:
-        domain = domain._replace(x=x, west="inactive", east="inactive")
-    if y is not None:
-        domain = domain._replace(y=y, south="inactive", north="inactive")
-    return domain
-
-
-def _check_inside(floes: Floes, domain: Domain) -> None:
-    """Refuse free floes beyond an edge that is not periodic: a wall would shoot them off, the others let them out."""
-    out = np.zeros(len(floes), bool)
-    for values, (low, high), period in zip(
-        (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True
-    ):
-        if period is None:
-            out |= (values < low) | (values > high)
-    out &= floes.motion == 0
-    if out.any():
-        k = int(out.argmax())
-        raise InputError(
-            f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
-            f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
-        )
-
-
 def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> None:
     """Refuse land along a stretch where floes come in: only its shore is lined, new floes would come in behind it."""
     if not polygons:
@@ -1116,17 +806,6 @@ def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> N
             f"land lies along the edge {inflow.edge} between {low:g} and {high:g} m; give open water as span, one "
             "table for each stretch"
         )
-
-
-def _listed(rows: list[OneFloe]) -> Floes:
-    columns = {
-        name: [getattr(row, name) for row in rows]
-        for name in ("x", "y", "radius", "thickness", "u", "v")
-    }
-    for k, row in enumerate(rows):
-        if row.motion == "fixed" and (row.u, row.v) != (0.0, 0.0):
-            raise InputError(f"each[{k}]: motion = 'fixed' stands still; with u, v it is 'driven'")
-    return Floes(**columns, motion=[_motion_bits(row.motion) for row in rows])
 
 
 def _paths_in(table: Table) -> Iterator[str]:

@@ -41,9 +41,8 @@ if TYPE_CHECKING:
 
 NUDGED = "nudged"  # ends the name of the reference whose floes are moved by NUDGE of their radius
 NUDGE = 1e-6
-SEES = (
-    0.1  # a nudge that changes a quantity by more than this share of the error asked for is chaos
-)
+# A scene is chaotic if a nudge changes a quantity by more than this share of the error asked for.
+SEES = 0.1
 AS_IT_IS = "(the scene as it is)"
 REFERENCE_FRACTION = 0.1
 FINER = 4  # a step that the scene gives, and the exchange, over those of the reference

@@ -1,5 +1,6 @@
-"""Is it stable at the extremes?  Each case runs the model through its public interface and measures
-(stale-neighbours alone reaches deeper: it makes a model forget its list).
+"""Is it stable at the extremes?  Cases that run the model through its public interface, and measure.
+
+Only stale-neighbours reaches deeper: it makes a model forget its list.
 
 A case is one function that yields measures: what, how much, and the bound that it must keep.  The command
 `floebmi validate` and the tests run the same functions, so that there is one statement of each case; nothing

@@ -53,6 +53,12 @@ def test_physics_does_not_know_who_runs_it(below, above):
     assert not reached & above
 
 
+def test_every_file_has_its_room_in_the_design():
+    rooms = (ROOT / "docs/design.md").read_text().partition("| room | files |")[2]
+    named = re.findall(r"`(\w+)`", rooms.partition("\n\n")[0])
+    assert sorted(named) == [path.stem for path in FILES if not path.stem.startswith("__")]
+
+
 def test_the_package_does_not_import_the_couplings():
     for path in [*FILES, *EXPERIMENTS]:
         assert not re.search(r"^\s*(from|import) coupling", path.read_text(), re.MULTILINE), (

@@ -27,6 +27,7 @@ from floebmi.forcing import VelocityFile
 from floebmi.output import GriddedWriter, TrajectoryWriter, load_restart, save_restart
 
 BOX = Domain((0.0, 1000.0), (0.0, 1000.0))
+PATIENT = 300.0  # seconds: a run may have to compile first
 
 
 def drifting():
@@ -224,14 +225,14 @@ class Waits:
     def fill(self, t, u, v):
         if t > 5.0:
             self.there.set()
-            self.go.wait(20.0)
+            self.go.wait(PATIENT)
 
 
 def test_a_file_that_another_run_is_writing_is_not_replaced_not_even_by_force(tmp_path):
     path, current = tmp_path / "floes.nc", Waits()
     first = threading.Thread(target=run, args=(drifting(), 10.0, current), kwargs=dict(every=1.0, trajectories=path))  # fmt: skip
     first.start()
-    assert current.there.wait(20.0)
+    assert current.there.wait(PATIENT)
     code = (
         f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n"
         "from test_faults import drifting; from floebmi import run\n"

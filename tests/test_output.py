@@ -15,11 +15,11 @@ from netCDF4 import Dataset
 from small_run import GRIDS, LAND, small_model, small_run
 
 from floebmi import Contact, Domain, Floes, Grid, InputError, Model, Wall, cohesive, frictional
+from floebmi.cf import define_projection
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
     _contact_sums,
-    _define_projection,
     _global_attributes,
     load_restart,
     open_file,
@@ -187,7 +187,7 @@ def test_projections_on_a_sphere_and_those_that_cf_does_not_know_are_written(
 @pytest.mark.parametrize("projection, pole", [("EPSG:3413", 90.0), ("EPSG:3031", -90.0)])
 def test_a_polar_stereographic_plane_tells_its_pole(tmp_path, projection, pole):
     with Dataset(tmp_path / "in memory.nc", "w", diskless=True) as data:
-        _define_projection(data, projection)
+        define_projection(data, projection)
         assert data["crs"].latitude_of_projection_origin == pole
 
 

@@ -12,6 +12,7 @@ from floebmi.floes import DRIVEN, FIXED
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
 from floebmi.packing import IceNotPlaced
 from floebmi.scene import Scene, copy_scene
+from floebmi.scene_floes import Sea
 from floebmi.scenes import packaged
 from floebmi.tables import keys
 
@@ -338,9 +339,11 @@ def test_floes_of_the_labrador_sea_have_the_area_of_its_file_and_two_per_cent_le
     with pytest.warns(IceNotPlaced, match="max_concentration"):
         model = scene.build().model
     wet, size = model.grid.wet, model.grid.area
-    fraction, thickness = (
-        np.nan_to_num(field) for field in scene._ice_fields(scene.floes[0], model.grid)
-    )
+    sea = Sea(
+        model.domain, model.grid, None, scene.file.parent, scene.domain.projection,
+        scene.time.start, scene.time.calendar,
+    )  # fmt: skip
+    fraction, thickness = (np.nan_to_num(field) for field in scene.floes[0].ice(sea))
     area = np.where(wet, np.minimum(fraction, 0.85), 0.0) * size
     ice = model.floes.active & ~model.floes.land
     placed, volume = model.floes.area[ice], model.floes.area[ice] * model.floes.thickness[ice]

@@ -13,6 +13,7 @@ from floebmi import __version__, ensemble
 from floebmi.errors import InputError
 from floebmi.experiments import shear, statistics, strait
 from floebmi.experiments.parameters import Experiment, Shear, code, make, rows
+from floebmi.files import check_folder
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -69,8 +70,7 @@ def run(
     """
     path = Path(path)
     members = path.with_name(f"{path.name}.members")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
+    check_folder(path)
     if path.exists() and not members.exists():
         raise InputError(f"{path}: exists already, and is not of an ensemble; give another file")
     if not seeds:

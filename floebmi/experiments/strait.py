@@ -81,9 +81,8 @@ def walls(p: Strait) -> Coast:
     y = np.minimum(along, p.channel) + beyond
     x = 0.5 * p.width + p.slope * beyond
     in_funnel = beyond > 0
-    x += p.wall_radius * np.where(
-        in_funnel, 1.0 / bend, 1.0
-    )  # the floes stand behind the wall's line
+    # the floes stand behind the wall's line
+    x += p.wall_radius * np.where(in_funnel, 1.0 / bend, 1.0)
     y -= p.wall_radius * np.where(in_funnel, p.slope / bend, 0.0)
     floes = Floes(
         np.concatenate([x, -x]), np.concatenate([y, y]), p.wall_radius, p.thickness, motion=COAST

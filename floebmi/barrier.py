@@ -1,0 +1,135 @@
+"""Land that floes are kept clear of while they are laid out: where it is, and discs that guard its shore."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from floebmi.boundaries import Domain
+from floebmi.coast import Coast, land_geometry
+from floebmi.errors import InputError
+from floebmi.grid import Grid, following_nodes
+
+SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
+
+Land = Coast | Grid | Sequence[ArrayLike]
+
+
+class Barrier(NamedTuple):
+    """Land of a domain.
+
+    area : of it in the domain [m²]
+    discs : (k, 3) x, y, radius [m]: the coast's floes, and guards of the shore; who overlaps none of them is off the land
+    geometry : shapely's, of a coast or rings; None without
+    grid : its dry cells are land; None without
+    """
+
+    area: float
+    discs: np.ndarray
+    geometry: object
+    grid: Grid | None
+    domain: Domain
+
+    def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether points lie on land."""
+        inside = np.zeros(len(x), bool)
+        x, y = self.domain.brought_back(x, y)
+        if self.geometry is not None:
+            import shapely
+
+            inside |= shapely.contains_xy(self.geometry, x, y)
+        if self.grid is not None:
+            cell = self.grid.locate(x, y)
+            inside |= (cell >= 0) & ~self.grid.wet[cell]
+        return inside
+
+
+def barrier_of(
+    land: Land | None, domain: Domain, smallest: float, grid: Grid | None = None
+) -> Barrier:
+    """The land that floes of radius `smallest` [m] and more keep clear of; dry cells of `grid` are part of it.
+
+    Raises
+    ------
+    InputError
+        for rings that are none, or a `land` that is a grid, too.
+    """
+    area, geometry, segments = 0.0, None, []
+    fixed = [np.zeros((0, 3))]
+    if isinstance(land, Grid):
+        if grid is not None:
+            raise InputError(
+                "land: the grid's own dry cells are land; give a Coast or rings beside it"
+            )
+        grid, land = land, None
+    if grid is not None and grid.wet.all():
+        grid = None
+    if isinstance(land, Coast):
+        floes = land.floes
+        fixed.append(np.stack([floes.x, floes.y, floes.radius], axis=1))
+    if land is not None:
+        import shapely
+
+        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land, domain)
+        shapely.prepare(geometry)
+        box = shapely.box(domain.x[0], domain.y[0], domain.x[1], domain.y[1])
+        area += geometry.intersection(box).area
+        for ring in shapely.get_rings(shapely.get_parts(geometry)):
+            points = shapely.get_coordinates(ring)
+            segments.append(np.concatenate([points[:-1], points[1:]], axis=1))
+    if grid is not None:
+        area += float(np.sum(area_inside(grid, domain)[~grid.wet]))
+        segments.append(_dry_edges(grid))
+    if segments:
+        fixed.append(_guards(np.concatenate(segments), domain, smallest))
+    return Barrier(area, np.concatenate(fixed), geometry, grid, domain)
+
+
+def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray:
+    """Small discs along a shore such that a floe that overlaps none of them does not cross it.
+
+    Between two points a distance 2q apart a disc of radius r could reach √(r² + q²) − r ≤ q²/2r
+    across: that is the radius of the guards.
+    """
+    step = SHORE_STEP * smallest
+    west, south, east, north = segments.T
+    low = np.minimum(west, east), np.minimum(south, north)
+    high = np.maximum(west, east), np.maximum(south, north)
+    near = np.ones(len(segments), bool)
+    for axis, (first, last) in enumerate((domain.x, domain.y)):
+        margin = last - first  # floes reach less far across an edge; more guards do no harm
+        near &= (high[axis] > first - margin) & (low[axis] < last + margin)
+    segments = segments[near]
+    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    counts = np.maximum(1, np.ceil(lengths / step).astype(int)) + 1
+    share = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (share / np.repeat(counts - 1, counts))[:, None]
+    starts, ends = (np.repeat(part, counts, axis=0) for part in (segments[:, :2], segments[:, 2:]))
+    points = starts + share * (ends - starts)
+    return np.column_stack([points, np.full(len(points), (step / 2) ** 2 / (2 * smallest))])
+
+
+def _dry_edges(grid: Grid) -> np.ndarray:
+    """Edges of dry cells that are not between two dry cells, shape (k, 4): x, y of both ends."""
+    nodes = grid.face_nodes[~grid.wet]
+    following = following_nodes(nodes)
+    pairs = np.sort(np.stack([nodes[nodes >= 0], following[nodes >= 0]], axis=1), axis=1)
+    pairs, count = np.unique(pairs, axis=0, return_counts=True)
+    a, b = pairs[count == 1].T
+    return np.stack([grid.node_x[a], grid.node_y[a], grid.node_x[b], grid.node_y[b]], axis=1)
+
+
+def area_inside(grid: Grid, domain: Domain) -> np.ndarray:
+    """Area of each cell inside the domain [m²], shape (grid.size,)."""
+    import shapely
+
+    corner_x, corner_y = grid.corner_x, grid.corner_y
+    low = np.minimum(corner_x.min(axis=1) - domain.x[0], corner_y.min(axis=1) - domain.y[0])
+    high = np.minimum(domain.x[1] - corner_x.max(axis=1), domain.y[1] - corner_y.max(axis=1))
+    area = np.array(grid.area)
+    cut = np.minimum(low, high) < 0
+    rings = np.stack([corner_x[cut], corner_y[cut]], axis=2)
+    box = (domain.x[0], domain.y[0], domain.x[1], domain.y[1])
+    area[cut] = shapely.area(shapely.clip_by_rect(shapely.polygons(rings), *box))
+    return area

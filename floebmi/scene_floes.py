@@ -1,0 +1,398 @@
+"""Groups of floes in a scene: the keys that each arrangement has, and the floes that come of it."""
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from floebmi.boundaries import Domain
+from floebmi.clock import Calendar, date_of
+from floebmi.errors import InputError
+from floebmi.floes import (
+    DRIVEN,
+    FIXED,
+    FIXED_ROTATION,
+    FIXED_X,
+    FIXED_Y,
+    Floes,
+    without_small,
+)
+from floebmi.grid import Grid
+from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
+from floebmi.scene_keys import (
+    FILE_PROJECTION,
+    FILL_LAND,
+    MASK,
+    POSITION,
+    SELECT,
+    FillLand,
+    Pair,
+    Position,
+    ScenePath,
+)
+from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
+from floebmi.tables import Table, law_of, one_of, table_of
+
+if TYPE_CHECKING:
+    from floebmi.coast import Coast
+
+Axis = Literal["x", "y", "rotation"]
+_AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
+
+
+class Sea(NamedTuple):
+    """What the rest of a scene says of the sea that floes are laid into.
+
+    domain, grid, land : grid and land are None where the scene has none
+    folder : of the scene file, which paths are relative to
+    projection, start, calendar : the scene's, for files; None where it has none
+    """
+
+    domain: Domain
+    grid: Grid | None
+    land: "Coast | None"
+    folder: Path
+    projection: str | None
+    start: str | None
+    calendar: Calendar | None
+
+
+# ---- sizes --------------------------------------------------------------------------------------
+
+
+class SizesFromFile(Table):
+    """Sizes from a CSV file: one column of radii [m], or two of lower bin edges [m] and counts."""
+
+    distribution: Literal["file"] = "file"
+    file: ScenePath = Field(
+        description="CSV with a header: radii [m], or lower bin edges [m] and counts"
+    )
+
+
+_SIZE_LAWS = {
+    "power_law": PowerLaw,
+    "uniform": UniformSize,
+    "single": SingleSize,
+    "histogram": Histogram,
+}
+SizeTable = one_of(
+    "distribution",
+    {word: table_of(law, "distribution", word) for word, law in _SIZE_LAWS.items()}
+    | {"file": SizesFromFile},
+)
+
+
+def sizes_of(table: Any, folder: Path) -> Any:
+    """The distribution that a table of sizes says; paths in it are relative to `folder`."""
+    if isinstance(table, SizesFromFile):
+        return sizes_from_file(folder / table.file)
+    return law_of(table, _SIZE_LAWS[table.distribution])
+
+
+# ---- arrangements -------------------------------------------------------------------------------
+
+
+class Group(Table):
+    """Keys that all groups of floes have."""
+
+    velocity: Pair = Field(
+        (0.0, 0.0),
+        description="velocity at the start (along x, along y) [m/s]; else that of the file or list, or at rest",
+    )
+    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
+        "free",
+        description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
+        "['x', 'y', 'rotation']; floes of a file or list have their own unless it is given",
+    )
+    smallest: NonNegative = Field(
+        0.0, description="smaller floes are left out, the others thicker: the mass stays [m]"
+    )
+
+    @model_validator(mode="after")
+    def _fixed_floes_stand_still(self) -> Self:
+        if self.motion == "fixed" and self.velocity != (0.0, 0.0):
+            raise InputError("motion = 'fixed' stands still; with a velocity it is 'driven'")
+        return self
+
+    def build(self, sea: Sea, seed: int) -> Floes:
+        """The floes of the group; it draws from `seed` unless it has its own."""
+        floes = without_small(self._arranged(sea, seed), self.smallest)
+        if "velocity" in self.model_fields_set:
+            floes.u, floes.v = self.velocity
+        if "motion" in self.model_fields_set:
+            floes.motion = _motion_bits(self.motion)
+        _check_inside(floes, sea.domain)
+        return floes
+
+    def _arranged(self, sea: Sea, seed: int) -> Floes:
+        """The floes where this arrangement lays them."""
+        raise NotImplementedError
+
+
+class Scatter(Group):
+    """Irregular, without overlap, to a wanted concentration or number."""
+
+    arrangement: Literal["scatter"] = "scatter"
+    size: SizeTable = Field(description="size distribution, by number of floes")
+    concentration: PositiveFraction | None = Field(
+        None, description="area of the floes over the area of their region, to 0.85 [1]"
+    )
+    count: Count | None = Field(None, description="number of floes instead")
+    thickness: Positive = Field(1.0, description="of the floes [m]")
+    x: Pair | None = Field(
+        None, description="west and east bound of their region [m]; else the domain's"
+    )
+    y: Pair | None = Field(None, description="south and north bound of their region [m]")
+    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+
+    def _arranged(self, sea: Sea, seed: int) -> Floes:
+        from floebmi import packing
+
+        if (self.concentration is None) == (self.count is None):
+            raise InputError("give either concentration or count")
+        region = _region(sea.domain, self.x, self.y)
+        return packing.scatter(
+            region,
+            sizes_of(self.size, sea.folder),
+            concentration=self.concentration,
+            count=self.count,
+            thickness=self.thickness,
+            seed=seed if self.seed is None else self.seed,
+            land=_land_in(region, sea),
+        )
+
+
+class Regular(Group):
+    """A lattice of equal floes."""
+
+    arrangement: Literal["regular"] = "regular"
+    radius: Positive = Field(description="of the floes [m]")
+    spacing: Positive | None = Field(None, description="between neighbouring centres [m]")
+    concentration: PositiveFraction | None = Field(None, description="instead of spacing [1]")
+    lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="how they are stacked")
+    thickness: Positive = Field(1.0, description="of the floes [m]")
+    x: Pair | None = Field(
+        None, description="west and east bound of their region [m]; else the domain's"
+    )
+    y: Pair | None = Field(None, description="south and north bound of their region [m]")
+
+    def _arranged(self, sea: Sea, seed: int) -> Floes:
+        from floebmi import packing
+
+        if (self.concentration is None) == (self.spacing is None):
+            raise InputError("give either concentration or spacing")
+        return packing.regular(
+            _region(sea.domain, self.x, self.y),
+            self.radius,
+            spacing=self.spacing,
+            concentration=self.concentration,
+            lattice=self.lattice,
+            thickness=self.thickness,
+        )
+
+
+class FromField(Group):
+    """As a gridded concentration and thickness say."""
+
+    arrangement: Literal["field"] = "field"
+    file: ScenePath = Field(description="NetCDF file with concentration and thickness")
+    concentration: str | None = Field(
+        None, description="its variable of area fraction; found by its standard name if left out"
+    )
+    thickness: str | Positive | None = Field(
+        None, description="its variable of thickness, or one thickness for all [m]"
+    )
+    thickness_of: Literal["auto", "ice", "cell"] = Field(
+        "auto",
+        description="what the file's thickness is the mean over: the ice, or the cell with its water",
+    )
+    units: str | None = Field(
+        None, description="of the file's thickness, if it does not say or says it wrong"
+    )
+    time: str | None = Field(
+        None, description="date of the ice; else time.start, else the file's first record"
+    )
+    select: dict[str, int] | None = Field(None, description=SELECT)
+    mask: str = Field("auto", description=MASK)
+    fill_land: FillLand = Field("error", description=FILL_LAND)
+    outside: Literal["error", "open water"] = Field(
+        "error", description="what a wet cell gets that lies outside the file"
+    )
+    position: Position = Field("auto", description=POSITION)
+    file_projection: str | None = Field(None, description=FILE_PROJECTION)
+    size: SizeTable = Field(description="size distribution, by number of floes")
+    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+
+    @model_validator(mode="after")
+    def _one_thickness(self) -> Self:
+        for name, of_file in (("thickness_of", self.thickness_of != "auto"), ("units", self.units)):
+            if isinstance(self.thickness, float) and of_file:
+                raise InputError(
+                    f"{name} is about a thickness in the file, not about thickness = {self.thickness:g} of all floes:"
+                    " leave one of the two out"
+                )
+        return self
+
+    def _arranged(self, sea: Sea, seed: int) -> Floes:
+        from floebmi import packing
+
+        if sea.grid is None:
+            raise InputError("arrangement = 'field' needs a [grid]")
+        fraction, thickness = self.ice(sea)
+        if not fraction[sea.grid.wet].any():
+            warnings.warn(f"{self.file}: there is no ice in the wet cells", stacklevel=2)
+        return packing.from_field(
+            sea.grid,
+            fraction,
+            thickness,
+            sizes_of(self.size, sea.folder),
+            seed=seed if self.seed is None else self.seed,
+            domain=sea.domain,
+            land=sea.land,
+        )
+
+    def ice(self, sea: Sea) -> tuple[np.ndarray, np.ndarray]:
+        """Area fraction [1] and thickness of the ice itself [m] on the sea's grid; no thickness is no ice."""
+        from floebmi.scalars import read_scalar
+
+        path, plane = sea.folder / self.file, sea.projection
+        if self.time is not None:
+            date_of(self.time, sea.calendar or "standard", "time")
+        of_file = {
+            "time": self.time or sea.start, "select": self.select, "mask": self.mask,
+            "fill_land": self.fill_land, "outside": None if self.outside == "error" else 0.0,
+            "position": self.position, "file_projection": self.file_projection,
+        }  # fmt: skip
+        fraction = read_scalar(
+            path, "area_fraction", sea.grid, plane, variable=self.concentration, **of_file
+        )
+        if isinstance(self.thickness, float):
+            return fraction, np.full(sea.grid.size, self.thickness)
+        thickness = read_scalar(
+            path, "thickness", sea.grid, plane,
+            variable=self.thickness, concentration=self.concentration,
+            thickness_of=self.thickness_of, units=self.units, **of_file,
+        )  # fmt: skip
+        return np.where(thickness > 0, fraction, 0.0), thickness
+
+    def check_begins(self, folder: Path, start: str) -> None:
+        """Refuse ice of the file's first record, where that is of another date than the wind and current at time 0."""
+        from floebmi.scalars import begins
+
+        if self.time is not None:
+            return
+        ice = begins(folder / self.file, self.concentration, self.select)
+        if ice not in (None, start):
+            raise InputError(
+                f"time is missing: the records of {self.file} begin at {ice}, time 0 is {start}, the first record"
+                " of wind or current: say the date of the ice, or [time] start"
+            )
+
+
+class FromFile(Group):
+    """Floes from a CSV or GeoJSON file."""
+
+    arrangement: Literal["file"] = "file"
+    file: ScenePath = Field(description="CSV or GeoJSON of floes")
+    thickness: Positive | None = Field(
+        None, description="of all floes [m], for a file that has none"
+    )
+
+    def _arranged(self, sea: Sea, seed: int) -> Floes:
+        from floebmi import packing
+
+        path = sea.folder / self.file
+        plane = None if path.suffix.lower() == ".csv" else sea.projection
+        floes = packing.read_floes(path, self.thickness, plane)
+        if not len(floes):
+            warnings.warn(f"{self.file}: there are no floes in it", stacklevel=2)
+        return floes
+
+
+class OneFloe(Table):
+    """One floe of a list."""
+
+    x: float = Field(description="centre [m]")
+    y: float = Field(description="centre [m]")
+    radius: Positive = Field(description="of the floe [m]")
+    thickness: Positive = Field(1.0, description="of the floe [m]")
+    u: float = Field(0.0, description="velocity along x [m/s]")
+    v: float = Field(0.0, description="velocity along y [m/s]")
+    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
+        "free", description="as for a group of floes"
+    )
+
+
+class Listed(Group):
+    """Floes one by one."""
+
+    arrangement: Literal["list"] = "list"
+    each: list[OneFloe] = Field(description="tables of x, y, radius, thickness, u, v, motion")
+
+    def _arranged(self, sea: Sea, seed: int) -> Floes:
+        for k, row in enumerate(self.each):
+            if row.motion == "fixed" and (row.u, row.v) != (0.0, 0.0):
+                raise InputError(
+                    f"each[{k}]: motion = 'fixed' stands still; with u, v it is 'driven'"
+                )
+        columns = {
+            name: [getattr(row, name) for row in self.each]
+            for name in ("x", "y", "radius", "thickness", "u", "v")
+        }
+        return Floes(**columns, motion=[_motion_bits(row.motion) for row in self.each])
+
+
+GroupTable = one_of(
+    "arrangement",
+    {"scatter": Scatter, "regular": Regular, "field": FromField, "file": FromFile, "list": Listed},
+    "scatter",
+)
+
+
+def _motion_bits(motion: str | list[Axis]) -> int:
+    if isinstance(motion, str):
+        return {"free": 0, "fixed": FIXED, "driven": DRIVEN}[motion]
+    return sum({_AXIS_BITS[axis] for axis in motion})
+
+
+def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
+    """Part of a domain; where it is cut off, nothing is periodic."""
+    if x is not None:
+        domain = domain._replace(x=x, west="inactive", east="inactive")
+    if y is not None:
+        domain = domain._replace(y=y, south="inactive", north="inactive")
+    return domain
+
+
+def _land_in(region: Domain, sea: Sea) -> "Coast | None":
+    """The land that floes of a region of the sea keep clear of."""
+    if sea.land is None or region.period == sea.domain.period:
+        return sea.land
+    from floebmi.coast import within
+
+    # one period from where the region begins: it may lie across the seam
+    spans = {
+        name: (low, low + length)
+        for name, (low, _), length in zip("xy", region[:2], sea.domain.period, strict=True)
+        if length is not None
+    }
+    return within(sea.land, sea.domain._replace(**spans))
+
+
+def _check_inside(floes: Floes, domain: Domain) -> None:
+    """Refuse free floes beyond an edge that is not periodic: a wall would shoot them off, the others let them out."""
+    out = np.zeros(len(floes), bool)
+    for values, (low, high), period in zip(
+        (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True
+    ):
+        if period is None:
+            out |= (values < low) | (values > high)
+    out &= floes.motion == 0
+    if out.any():
+        k = int(out.argmax())
+        raise InputError(
+            f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
+            f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
+        )
