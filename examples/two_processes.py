@@ -11,7 +11,7 @@ Limits of grpc4bmi, as found:
 - No pointers: `get_value_ptr` raises NotImplementedError.  Use `get_value`, again after each update.
 - Extra methods do not cross: no `save_state` and no `model` on the host's side.  The keys `checkpoint` and `restart` of the
   config file let the server's side save its state after each update, and take it up.
-- Of an error only the text crosses, inside a `RemoteException`; that is why each is one line.  The server prints the rest.
+- Of an error only the text crosses, as `details()` of a `grpc.RpcError`; that is why each is one line.  The server prints the rest.
 - Arrays are copied into messages; gRPC's own default limit of a message is 4 MB, half a million float64 values.
 - Location `none` cannot cross: scalars are at `node`, on a grid of type `scalar` and size 1.
 - The config file is read by the server, on its disk.

@@ -232,7 +232,7 @@ def run(
       paraview/     if [output] paraview = true
     """
     from floebmi.clock import refuse_other_start
-    from floebmi.explain import drag_warnings
+    from floebmi.explain import notes
     from floebmi.output import load_restart
     from floebmi.running import run as run_model
     from floebmi.scene import read_scene
@@ -270,7 +270,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     if not quiet:
         click.echo(f"{read.name}: {read.title}\n{model!r}")
-        for line in drag_warnings(model):
+        for line in notes(model):
             click.echo(f"note: {line}")
     report = run_model(
         model, left, built.ocean, built.atmosphere,

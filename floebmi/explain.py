@@ -35,15 +35,17 @@ def explain(scene: "Scene", built: "Built") -> str:
     dials = _dials(scene)
     if dials:
         parts.append(_columns("dials, as floebmi tradeoff measured them", dials))
-    warnings = drag_warnings(model)
-    if warnings:
-        parts.append("\n".join(f"note: {line}" for line in warnings))
+    lines = notes(model)
+    if lines:
+        parts.append("\n".join(f"note: {line}" for line in lines))
     return "\n\n".join(parts)
 
 
-def drag_warnings(model: "Model") -> list[str]:
-    """One line for each fluid whose drag coefficient, taken on the floes' area, is unusual."""
+def notes(model: "Model") -> list[str]:
+    """One line for a coast that stops no floe, and for each fluid with an unusual drag coefficient of the floes' area."""
     lines = []
+    if model.contact is None and model.floes.land.any():
+        lines.append("without [contact] the coast stops no floe: ice drifts over land")
     for force in model.forces:
         if isinstance(force, OceanDrag | AirDrag) and len(model.floes):
             low, high = model.bulk_range(force)

@@ -441,6 +441,12 @@ def test_explain_says_what_is_modelled_what_is_absent_and_what_it_costs(cli):
     assert "note: ocean drag" in free.stdout
 
 
+def test_a_coast_that_stops_no_floe_is_noted(cli):
+    note = "note: without [contact] the coast stops no floe"
+    assert note in cli("explain", "labrador-sea", "--set", "contact=none").stdout
+    assert note not in cli("explain", "labrador-sea").stdout
+
+
 @pytest.mark.parametrize("name", packaged())
 def test_every_packaged_scene_can_be_built_and_explained(cli, name):
     result = cli("explain", name)
