@@ -12,7 +12,7 @@ from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
-from floebmi.sizes import SingleSize, UniformSize
+from floebmi.sizes import Empirical, SingleSize, UniformSize
 
 
 def box(west="inactive", south="inactive", size=100.0, **edges):
@@ -244,6 +244,27 @@ def test_a_restart_feeds_on_with_the_same_bits():
         model.advance(30.0)
     assert len(first.floes) > 20
     assert np.array_equal(first.floes.x, second.floes.x)
+
+
+def test_a_restart_goes_on_with_other_measured_radii_of_an_inflow_and_tells_it_in_a_line():
+    """They had been refused, as no other number of an inflow is, in a line with all radii of both."""
+
+    def make(*radii):
+        laws = dict(contact=frictional(), forces=[OceanDrag(), AirDrag()])
+        inflow = Inflow("north", Empirical(radii), velocity=(0.0, -0.5))
+        return Model(box(), Floes([], [], [], []), inflow=inflow, seed=5, **laws)
+
+    first = make(*np.linspace(2.0, 4.0, 100))
+    first.advance(30.0)
+    other = make(*np.linspace(5.0, 6.0, 90))
+    with pytest.warns(
+        UserWarning, match=r"\[inflow\] 0.sizes.radii are others than the restart's"
+    ) as told:
+        other.restore(first.state())
+    assert max(len(str(warning.message)) for warning in told) < 200
+    other.advance(30.0)
+    new = other.floes.radius[len(first.floes) :]
+    assert len(new) > 2 and (new[1:] >= 5.0).all()  # the first had been waiting
 
 
 def test_the_stress_on_a_wall_is_its_load_over_its_length_and_the_mean_thickness_by_area():
