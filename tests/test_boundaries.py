@@ -12,7 +12,7 @@ from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
-from floebmi.sizes import Empirical, SingleSize, UniformSize
+from floebmi.sizes import Empirical, PowerLaw, SingleSize, UniformSize
 
 
 def box(west="inactive", south="inactive", size=100.0, **edges):
@@ -228,6 +228,19 @@ def test_the_same_seed_feeds_the_same_floes_and_another_seed_others():
 
     assert np.array_equal(run(1).x, run(1).x)
     assert len(run(1)) != len(run(2)) or not np.array_equal(run(1).x, run(2).x)
+
+
+@pytest.mark.parametrize("sizes, told", [(SingleSize(10.0), 0.74), (PowerLaw(1.0, 10.0), 0.34)])
+def test_what_comes_in_is_as_loose_as_the_inflow_tells(sizes, told):
+    inflow = Inflow("west", sizes, velocity=(5.0, 0.0))
+    soft = Contact(Elastic(2e4))
+    domain = Domain((0.0, 60.0), (0.0, 400.0))
+    model = Model(domain, Floes([], [], [], []), contact=soft, inflow=inflow, seed=1)
+    model.advance(12.0)  # once across
+    start = model.ledger.accounts["inflow"][0]
+    model.advance(60.0)
+    area = (model.ledger.accounts["inflow"][0] - start) / model.ice_density
+    assert area / (60.0 * 5.0 * 400.0) == pytest.approx(told, abs=0.03)
 
 
 def test_a_restart_feeds_on_with_the_same_bits():
