@@ -19,6 +19,7 @@ from floebmi.grid import Grid
 from floebmi.pairs import wrap
 
 _SAME = 1e-9  # relative difference of numbers that rounding may make on another machine
+_SHOWN = 4  # numbers of a row that a line has room for: the bounds of a grid
 _LAWS = "contact", "coriolis", "ice", "walls", "inflow"  # tables in which a number may be another
 
 
@@ -53,7 +54,8 @@ def refuse_other(mine: Mapping[str, object], theirs: Mapping[str, object]) -> li
         if _alike(here, there):
             continue
         table, _, key = name.partition(".")
-        if key in ("corners", "wet", "grid.corners", "grid.wet"):
+        digests = key in ("corners", "wet", "grid.corners", "grid.wet")
+        if digests or _is_long(here) or _is_long(there):
             values = " are others than the restart's"
         else:
             values = f" = {_text(here)}, the restart's is {_text(there)}"
@@ -102,7 +104,14 @@ def _alike(one: object, other: object) -> bool:
 
 
 def _is_number(value: object) -> bool:
+    """Also a row of them, such as measured radii."""
+    if isinstance(value, list):
+        return all(map(_is_number, value))
     return value is None or isinstance(value, int | float)
+
+
+def _is_long(value: object) -> bool:
+    return isinstance(value, list) and len(value) > _SHOWN
 
 
 def _text(value: object) -> str:

@@ -111,6 +111,11 @@ class Inflow(NamedTuple):
     Room is looked for when an exchange begins and, in a long one, again whenever floes have strayed by a tenth of the
     smallest radius or so.
 
+    Floes come in in the order in which they are drawn, and none goes before one that waits for its room.  So what comes in is the
+    looser the wider the sizes are: with an edge of twenty of the largest floes and ice that moves on at a steady speed its
+    concentration is about 0.74 for floes of one radius, 0.34 for a power law over a factor of 10 in radius (exponent -1.8),
+    0.17 over a factor of 100.
+
     Parameters
     ----------
     edge : "west", "east", "south" or "north"

@@ -12,6 +12,8 @@ from floebmi.forces import AirDrag, OceanDrag
 from floebmi.running import duration_text
 
 if TYPE_CHECKING:
+    from floebmi.boundaries import Domain
+    from floebmi.grid import Grid
     from floebmi.model import Model
     from floebmi.scene import Built, Scene, Schedule
 
@@ -42,22 +44,40 @@ def explain(scene: "Scene", built: "Built") -> str:
 
 
 def notes(model: "Model") -> list[str]:
-    """One line for a coast that stops no floe, and for each fluid with an unusual drag coefficient of the floes' area."""
+    """Lines on what a modeller may not expect: a coast that stops no floe; a drag coefficient, taken on the floes' area, that
+    is unusual; a grid that leaves a part of the domain out."""
     lines = []
     if model.contact is None and model.floes.land.any():
         lines.append("without [contact] the coast stops no floe: ice drifts over land")
     for force in model.forces:
-        if isinstance(force, OceanDrag | AirDrag) and len(model.floes):
-            low, high = model.bulk_range(force)
-            if high and (low < USUAL_DRAG[0] or high > USUAL_DRAG[1]):
-                name, table = (
-                    ("ocean", "ocean") if isinstance(force, OceanDrag) else ("air", "atmosphere")
-                )
-                lines.append(
-                    f"{name} drag on these floes is that of C_d = {low:.2g} to {high:.2g} on their area, "
-                    f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
-                )
+        if not isinstance(force, OceanDrag | AirDrag):
+            continue
+        ocean = isinstance(force, OceanDrag)
+        name, table = ("ocean", "ocean") if ocean else ("air", "atmosphere")
+        low, high = model.bulk_range(force)
+        if high and (low < USUAL_DRAG[0] or high > USUAL_DRAG[1]):
+            lines.append(
+                f"{name} drag on these floes is that of C_d = {low:.2g} to {high:.2g} on their area, "
+                f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
+            )
+        fluid = model.ocean if ocean else model.atmosphere
+        assert fluid is not None
+        out = _left_out(fluid.grid, model.domain)
+        if out:
+            lines.append(
+                f"about {100 * out:.3g} % of the domain lies outside the cells of the {name}: floes have no {name} drag"
+                " there, and are in none of its fields; a [grid] that covers [domain] has none of that"
+            )
     return lines
+
+
+def _left_out(grid: "Grid", domain: "Domain") -> float:
+    """Share of the domain without a cell of the grid, wet or dry: of 100 × 100 places in it."""
+    share = (np.arange(100) + 0.5) / 100
+    x, y = np.meshgrid(*(low + share * (high - low) for low, high in (domain.x, domain.y)))
+    east, north = ((0.0,) if length is None else (-length, 0.0, length) for length in domain.period)
+    held = [grid.locate(x.ravel() + dx, y.ravel() + dy) >= 0 for dx in east for dy in north]
+    return 1.0 - float(np.any(held, axis=0).mean())
 
 
 def _dials(scene: "Scene") -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ a packing estimates how many floes it needs.
 
 import csv
 import math
+import reprlib
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -126,6 +127,9 @@ class Histogram(NamedTuple):
     edges: Annotated[tuple[Positive, ...], MinLen(2)]
     counts: Annotated[tuple[NonNegative, ...], MinLen(1)]
 
+    def __repr__(self) -> str:
+        return _in_short(self)
+
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest edge [m] of bins that are not empty."""
@@ -150,6 +154,9 @@ class Empirical(NamedTuple):
 
     radii: Annotated[tuple[Positive, ...], MinLen(1)]
 
+    def __repr__(self) -> str:
+        return _in_short(self)
+
     @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest radius [m]."""
@@ -162,6 +169,12 @@ class Empirical(NamedTuple):
     def mean_area(self) -> float:
         """Mean of π r² [m²]."""
         return math.pi * float(np.mean(np.square(self.radii)))
+
+
+def _in_short(sizes: Histogram | Empirical) -> str:
+    """As Python shows it, but of a long row, as a file has it, the first numbers alone."""
+    rows = (f"{name}={reprlib.repr(row)}" for name, row in sizes._asdict().items())
+    return f"{type(sizes).__name__}({', '.join(rows)})"
 
 
 Sizes = PowerLaw | UniformSize | SingleSize | Histogram | Empirical
@@ -187,10 +200,15 @@ def check_sizes(sizes: Sizes) -> None:
             raise InputError(
                 f"{name}: {len(edges)} edges and {len(counts)} counts; one edge more is needed"
             )
-        if edges[0] <= 0 or (np.diff(edges) <= 0).any():
-            raise InputError(f"{name}.edges = {sizes.edges}: must be greater than 0, and rise")
+        falls = np.flatnonzero(np.diff(edges, prepend=0.0) <= 0)
+        if falls.size:
+            k = int(falls[0])
+            raise InputError(
+                f"{name}.edges[{k}] = {edges[k]:g} m; must be greater than 0, and rise"
+            )
         if counts.min() < 0 or counts.sum() == 0:
-            raise InputError(f"{name}.counts = {sizes.counts}: at least 0 each, not all 0")
+            k = int(counts.argmin())
+            raise InputError(f"{name}.counts[{k}] = {counts[k]:g}; at least 0 each, not all 0")
     elif isinstance(sizes, Empirical):
         radii = _row(f"{name}.radii", sizes.radii)
         if radii.min() <= 0:

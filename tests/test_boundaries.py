@@ -12,7 +12,7 @@ from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
-from floebmi.sizes import SingleSize, UniformSize
+from floebmi.sizes import Empirical, PowerLaw, SingleSize, UniformSize
 
 
 def box(west="inactive", south="inactive", size=100.0, **edges):
@@ -230,6 +230,19 @@ def test_the_same_seed_feeds_the_same_floes_and_another_seed_others():
     assert len(run(1)) != len(run(2)) or not np.array_equal(run(1).x, run(2).x)
 
 
+@pytest.mark.parametrize("sizes, told", [(SingleSize(10.0), 0.74), (PowerLaw(1.0, 10.0), 0.34)])
+def test_what_comes_in_is_as_loose_as_the_inflow_tells(sizes, told):
+    inflow = Inflow("west", sizes, velocity=(5.0, 0.0))
+    soft = Contact(Elastic(2e4))
+    domain = Domain((0.0, 60.0), (0.0, 400.0))
+    model = Model(domain, Floes([], [], [], []), contact=soft, inflow=inflow, seed=1)
+    model.advance(12.0)  # once across
+    start = model.ledger.accounts["inflow"][0]
+    model.advance(60.0)
+    area = (model.ledger.accounts["inflow"][0] - start) / model.ice_density
+    assert area / (60.0 * 5.0 * 400.0) == pytest.approx(told, abs=0.03)
+
+
 def test_a_restart_feeds_on_with_the_same_bits():
     def make():
         inflow = Inflow("north", UniformSize(2.0, 4.0), velocity=(0.0, -0.5))
@@ -244,6 +257,27 @@ def test_a_restart_feeds_on_with_the_same_bits():
         model.advance(30.0)
     assert len(first.floes) > 20
     assert np.array_equal(first.floes.x, second.floes.x)
+
+
+def test_a_restart_goes_on_with_other_measured_radii_of_an_inflow_and_tells_it_in_a_line():
+    """They had been refused, as no other number of an inflow is, in a line with all radii of both."""
+
+    def make(*radii):
+        laws = dict(contact=frictional(), forces=[OceanDrag(), AirDrag()])
+        inflow = Inflow("north", Empirical(radii), velocity=(0.0, -0.5))
+        return Model(box(), Floes([], [], [], []), inflow=inflow, seed=5, **laws)
+
+    first = make(*np.linspace(2.0, 4.0, 100))
+    first.advance(30.0)
+    other = make(*np.linspace(5.0, 6.0, 90))
+    with pytest.warns(
+        UserWarning, match=r"\[inflow\] 0.sizes.radii are others than the restart's"
+    ) as told:
+        other.restore(first.state())
+    assert max(len(str(warning.message)) for warning in told) < 200
+    other.advance(30.0)
+    new = other.floes.radius[len(first.floes) :]
+    assert len(new) > 2 and (new[1:] >= 5.0).all()  # the first had been waiting
 
 
 def test_the_stress_on_a_wall_is_its_load_over_its_length_and_the_mean_thickness_by_area():

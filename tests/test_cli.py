@@ -447,6 +447,19 @@ def test_a_coast_that_stops_no_floe_is_noted(cli):
     assert note not in cli("explain", "labrador-sea").stdout
 
 
+@pytest.mark.parametrize("edges, share", [("inactive", "50"), ("periodic", "25"), ("periodic", "")])
+def test_a_grid_that_leaves_a_part_of_the_domain_out_is_told_of(cli, tmp_path, edges, share):
+    """Floes there had no drag, and were in no field, in silence: a grid that lies askew never covers a rectangle."""
+    x = "[-250, 500]" if share else "[-250, 750]"
+    (tmp_path / "scene.toml").write_text(
+        f"[domain]\nx = [0, 1e3]\ny = [0, 1e3]\nedges = '{edges}'\n[grid]\nshape = [4, 3]\nx = {x}\n"
+        "[ocean]\nvelocity = [0.1, 0]\n"
+    )
+    told = "% of the domain lies outside the cells of the ocean: floes have no ocean drag there"
+    notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
+    assert (f"about {share} {told}" in notes) if share else (told not in notes)
+
+
 @pytest.mark.parametrize("name", packaged())
 def test_every_packaged_scene_can_be_built_and_explained(cli, name):
     result = cli("explain", name)

@@ -103,8 +103,15 @@ def test_any_power_law_gives_finite_radii_within_its_bounds(low, ratio, exponent
         (UniformSize(2.0, 1.0), "UniformSize.radius_max = 1 m"),
         (SingleSize(-1.0), "SingleSize.radius = -1.0: must be greater than 0"),
         (Histogram((1.0, 2.0), (1.0, 2.0)), "2 edges and 2 counts; one edge more is needed"),
-        (Histogram((2.0, 1.0), (1.0,)), "must be greater than 0, and rise"),
-        (Histogram((1.0, 2.0), (0.0,)), "at least 0 each, not all 0"),
+        (
+            Histogram((2.0, 1.0), (1.0,)),
+            "Histogram.edges[1] = 1 m; must be greater than 0, and rise",
+        ),
+        (
+            Histogram((0.0, 1.0), (1.0,)),
+            "Histogram.edges[0] = 0 m; must be greater than 0, and rise",
+        ),
+        (Histogram((1.0, 2.0), (0.0,)), "Histogram.counts[0] = 0; at least 0 each, not all 0"),
         (Empirical((1.0, -2.0)), "Empirical.radii[1] = -2 m; must be greater than 0"),
         (Empirical(()), "must be a row of finite numbers"),
         (3.0, "must be a PowerLaw, UniformSize, SingleSize, Histogram or Empirical"),
@@ -114,6 +121,14 @@ def test_sizes_that_cannot_be_drawn_are_refused_in_one_line(sizes, said):
     with pytest.raises(InputError) as error:
         check_sizes(sizes)
     assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def test_long_rows_are_shown_by_their_first_numbers():
+    """All radii of a file had been printed with a model that has an inflow of them, and by `explain`."""
+    radii = tuple(map(float, range(1, 500)))
+    assert repr(Empirical(radii)) == "Empirical(radii=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, ...))"
+    assert repr(Histogram((1.0, 2.0), (3.0,))) == "Histogram(edges=(1.0, 2.0), counts=(3.0,))"
+    assert len(repr(Histogram(radii, radii[1:]))) < 120
 
 
 def test_a_table_of_a_scene_file_becomes_sizes_with_the_same_bounds():
@@ -147,7 +162,7 @@ def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
         ("10\n20\n", "row 1 = '10'; must be a header"),
         ("radius\n-1\n", "radii[0] = -1 m; must be greater than 0"),
         ("edge,count\n10,3\n20,1\n", "row 3, column 'count': 1 must be 0 or empty"),
-        ("edge,count\n10,3\n5,\n", "must be greater than 0, and rise"),
+        ("edge,count\n10,3\n5,\n", "Histogram.edges[1] = 5 m; must be greater than 0, and rise"),
         ("\nedge,count\n\n10,3\n20,1\n", "row 5, column 'count': 1 must be 0 or empty"),
         ("edge,count\n10,3,4\n20,\n", "row 2 has 3 values; must be 2"),
         ("a,b,c\n1,2,3\n", "3 columns"),
