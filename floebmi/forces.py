@@ -271,40 +271,60 @@ def _(force: AirDrag, at, k, omega):
 def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: float) -> float:
     """Bound on the speed [m/s] that floes moving at `speed` can reach: fluids drag them no faster.
 
+    In water that is where its drag holds against wind and push, of the floe that goes fastest so.
+
     at : tables by block
     """
-    water, wind, push = 0.0, 0.0, 0.0
-    drag, wind_drag = np.inf, 0.0
-    for force, here in zip(forces, at, strict=True):
-        if isinstance(force, OceanDrag):
-            water, drag, _ = _range(here)
-        elif isinstance(force, AirDrag):
-            wind, _, wind_drag = _range(here)
-        elif isinstance(force, Tilt):
-            push += force.gravity * _range(here)[0]
+    tables = {type(force): here for force, here in zip(forces, at, strict=True)}
+    ocean, air = tables.get(OceanDrag), tables.get(AirDrag)
+    wind = 0.0 if air is None else _fastest(air)
+    push = 0.0
+    for force in forces:
+        if isinstance(force, Tilt):
+            push += force.gravity * _fastest(tables[Tilt])
         elif isinstance(force, BodyForce):
             push += float(np.hypot(force.x, force.y))
-    if np.isfinite(drag):  # ocean drag balances wind and the rest
-        driven = np.sqrt((wind_drag * wind**2 + push) / drag)
-        return max(speed, water) + float(min(driven, wind) if not push else driven)
-    return max(speed, wind)
+    driven = -1.0 if ocean is None else _driven(ocean, air, push)
+    if driven < 0.0:
+        return max(speed, wind)
+    return max(speed, _fastest(ocean)) + (driven if push else min(driven, wind))
 
 
 @in_place
-def _range(at):
-    """Largest speed of a fluid at the floes; smallest rate of its drag above 0 (or inf), and largest."""
-    fastest2, least, most = 0.0, np.inf, 0.0
+def _fastest(at):
+    """Largest speed of a fluid at the floes, or slope."""
+    fastest2 = 0.0
     for block in range(at.shape[0]):
         here = at[block]
         for k in range(BLOCK):
             u, v = row(here, FLUID_U, k), row(here, FLUID_V, k)
             fastest2 = max(fastest2, u * u + v * v)
-        if here.size > RATE * BLOCK:
-            for k in range(BLOCK):
-                rate = row(here, RATE, k)
-                least = min(least, rate if rate > 0.0 else np.inf)
-                most = max(most, rate)
-    return np.sqrt(fastest2), least, most
+    return np.sqrt(fastest2)
+
+
+@in_place
+def _driven(ocean, air, push):
+    """Largest speed through the water at which its drag is that of the wind and a push [m/s²]; −1 with no floe in water."""
+    driven2 = -1.0
+    for block in range(ocean.shape[0]):
+        water = ocean[block]
+        for k in range(BLOCK):
+            pull = push + drag_at_rest(air, block, k)
+            rate = row(water, RATE, k)
+            driven2 = max(driven2, pull / rate if rate > 0.0 else -1.0)
+    return np.sqrt(driven2) if driven2 >= 0.0 else -1.0
+
+
+@dispatched
+def drag_at_rest(at, block, k):
+    """Acceleration by the drag of a fluid of floe k of a block, were it at rest [m/s²]; 0 without that fluid."""
+    u, v = row(at[block], FLUID_U, k), row(at[block], FLUID_V, k)
+    return row(at[block], RATE, k) * (u * u + v * v)
+
+
+@drag_at_rest.register
+def _(at: None, block, k):
+    return 0.0
 
 
 TURN = 16.0  # in one sub-step a floe then turns by a sixteenth of a radian at most, and is late by 3e-4 of that

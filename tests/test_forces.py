@@ -228,6 +228,23 @@ def test_the_bound_on_the_speed_is_that_at_which_the_ocean_balances_what_pushes(
         assert bound == pytest.approx(0.2 + np.sqrt(0.01 / at[RATE, 0]))
 
 
+def test_the_bound_on_the_speed_takes_wind_and_water_of_one_and_the_same_floe():
+    """The largest drag of wind over the least of water, of two floes, had bounded both: ten times too fast here."""
+    floes, number = Floes([0.0, 1e3], 0.0, 100.0, [0.1, 10.0]), np.arange(2)
+    forces = OceanDrag(1026.0, 0.0, 5.5e-3), AirDrag(1.3, 0.0, 1.2e-3)
+    tables = []
+    for force, speed in zip(forces, (0.3, 10.0), strict=True):
+        draft = 0.9 * floes.thickness
+        at = at_floes(force, floes.radius, floes.thickness, draft, 934.0, False, floes.land)
+        tables.append(by_block(at, number))
+        lanes(tables[-1], FLUID_V)[0, :2] = speed
+    driven = 10.0 * np.sqrt(1.3 * 1.2e-3 / (1026.0 * 5.5e-3))
+    assert speed_bound(forces, tables, 0.0) == pytest.approx(0.3 + driven)
+    assert speed_bound(forces, tables, 5.0) == pytest.approx(5.0 + driven)
+    lanes(tables[0], RATE)[:] = 0.0  # no water under them
+    assert speed_bound(forces, tables, 0.0) == pytest.approx(10.0)
+
+
 def test_vorticity_spins_a_floe_up_to_half_the_curl_and_no_further():
     grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), spacing=100.0)
     floes = Floes(50.0, 50.0, 100.0, 1.0)
