@@ -53,9 +53,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from floebmi.floes import Floes
+    from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
     from floebmi.grid import Grid
-    from floebmi.model import Fluid, Model
+    from floebmi.model import Model
     from floebmi.scene import Scene
 
 CELLS, WHOLE, AIR, FLOES = range(4)  # BMI grids: exchange cells, one number, the air's cells, floes

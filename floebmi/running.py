@@ -24,8 +24,9 @@ from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
     from floebmi.budgets import Ledger
+    from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
-    from floebmi.model import Fluid, Model
+    from floebmi.model import Model
     from floebmi.state import Counters
 
 DAY = 86400.0
