@@ -38,7 +38,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from coupling.books import Books
-from coupling.driver import Exchange
+from coupling.ledger import Exchange
 from coupling.vectors import Staggered
 from floebmi.errors import InputError
 from floebmi.grid import Grid
