@@ -224,39 +224,10 @@ class Model:
         draw_own(floes, contact, rng)
         floes.check()
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
-        kinds = {type(force) for force in self.forces}
-        self.ocean = self.atmosphere = None
-        if kinds & {OceanDrag, Tilt, CoriolisField}:
-            self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
-        if AirDrag in kinds:
-            self.atmosphere = Fluid(atmosphere_grid or self.grid)
-        fluids = {"ocean": self.ocean, "atmosphere": self.atmosphere}
-        self._fluids = {name: fluid for name, fluid in fluids.items() if fluid is not None}
-        for seen in dict.fromkeys((self.grid, atmosphere_grid or self.grid)):
-            check_images(seen, domain.period)
-        modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
-        records = build_walls(domain, self.walls, floes, self.ice_density, modulus)
-        if contact is None and len(records):
-            raise InputError("walls and closed edges need a contact law: contact is None")
+        self._make_fluids(atmosphere_grid or self.grid)
         # the floes as they were when nobody had put them onto each other; None where that is not known
         self._accepted: Floes | None = None
-        self._refuse_overlaps("at the start")
-        self._state = State(
-            records,
-            Memory(self._nothing_remembered(), np.arange(len(floes))),
-            None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
-            None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
-            rng,
-            tuple(Feeder(one, domain) for one in self.inflow),
-        )
-        for one in self.inflow:
-            check_way_in(one, records, domain)
-        largest = max(
-            [*floes.radius[floes.active & ~floes.land], *(i.sizes.range[1] for i in self.inflow)],
-            default=np.inf,
-        )
-        for wall in self.walls:
-            check_reach(wall, largest, domain)
+        self._state = self._first_state(rng)
         self._refuse_over_walls("at the start")
         self._last_duration = 0.0
         self._warned_of_lag = False
@@ -272,6 +243,45 @@ class Model:
         self._state.memory = now.memory()
         self._seen.list = None
         self._built = True
+
+    def _make_fluids(self, atmosphere_grid: Grid) -> None:
+        """The fluids that the forces read, at rest."""
+        kinds = {type(force) for force in self.forces}
+        self.ocean = self.atmosphere = None
+        if kinds & {OceanDrag, Tilt, CoriolisField}:
+            self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
+        if AirDrag in kinds:
+            self.atmosphere = Fluid(atmosphere_grid)
+        fluids = {"ocean": self.ocean, "atmosphere": self.atmosphere}
+        self._fluids = {name: fluid for name, fluid in fluids.items() if fluid is not None}
+        for grid in dict.fromkeys((self.grid, atmosphere_grid)):
+            check_images(grid, self.domain.period)
+
+    def _first_state(self, rng: np.random.Generator) -> State:
+        """The state before the first step; InputError for floes, walls and inflows that cannot be together."""
+        floes, domain, contact = self.floes, self.domain, self.contact
+        modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
+        walls = build_walls(domain, self.walls, floes, self.ice_density, modulus)
+        if contact is None and len(walls):
+            raise InputError("walls and closed edges need a contact law: contact is None")
+        self._refuse_overlaps("at the start")
+        state = State(
+            walls,
+            Memory(self._nothing_remembered(), np.arange(len(floes))),
+            None if self.step.scheme == "verlet" else np.zeros((len(floes), 3)),
+            None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
+            rng,
+            tuple(Feeder(one, domain) for one in self.inflow),
+        )
+        for one in self.inflow:
+            check_way_in(one, walls, domain)
+        largest = max(
+            [*floes.radius[floes.active & ~floes.land], *(i.sizes.range[1] for i in self.inflow)],
+            default=np.inf,
+        )
+        for wall in self.walls:
+            check_reach(wall, largest, domain)
+        return state
 
     def __setattr__(self, name: str, value: object) -> None:
         """What a model is made of stays: walls, tables and files know it; `time` and what is in arrays may be set."""
