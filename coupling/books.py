@@ -1,18 +1,13 @@
-"""The ledger of an exchange between a `Model` and a host in the same process, line by line.
+"""The books of a `Model`'s exchanges with a host in the same process: lines of `coupling.ledger`.
 
-`coupling.driver` keeps the same books of two BMI models.  Where the host's code calls the ice itself (Landlab, Veros,
+`coupling.driver` keeps them for two BMI models.  Where the host's code calls the ice itself (Landlab, Veros,
 shallowwater) the exchange looks like this:
 
     books.open()
     model.advance(duration)
     line = books.close(to_host=…, undelivered=…)     # as the host counts it, on its own faces and masks
 
-and the line says, per axis [N s],
-
-    from host + to host + undelivered = 0        what the ice took from its cells, the host got in its own  (a residual)
-    floes − from host − other + no water = 0     what the ice gained, somebody gave                         (a residual)
-
-`other` is wind, walls, coast, Coriolis …; `no water` is of floes that lie beyond all wet cells.
+What the ice took from its cells, the host got in its own; what the ice gained, somebody gave: the line's two residuals.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,7 +17,7 @@ from typing import Any, final
 
 import numpy as np
 
-from coupling.driver import Exchange
+from coupling.ledger import Exchange
 from floebmi.errors import InputError, StabilityError
 from floebmi.model import Model
 from floebmi.output import load_restart, save_restart
@@ -65,20 +60,11 @@ class Books:
             given[:] = model.ocean.last_x.sum(), model.ocean.last_y.sum()
             self._turnover += float(np.abs([model.ocean.last_x, model.ocean.last_y]).sum())
         self._number += 1
-        self.last = Exchange(
-            number=self._number,
-            time=model.time,
-            duration=model.time - self._start,
-            from_host=-given,
-            to_host=to_host,
-            undelivered=undelivered,
-            exchange_residual=to_host + undelivered - given,
-            floes=momentum,
-            other=other,
-            budget_residual=momentum + given + nowhere - other,
-            host=host,
-            turnover=self._turnover,
-        )
+        self.last = Exchange.balanced(
+            self._number, model.time, model.time - self._start,
+            given=given, taken=to_host, missed=undelivered, turnover=self._turnover,
+            floes=momentum, other=other, no_water=nowhere, host=host,
+        )  # fmt: skip
         return self.last
 
     def _totals(self) -> np.ndarray:

@@ -36,7 +36,8 @@ from landlab.data_record import DataRecord
 from landlab.grid.base import ModelGrid
 
 from coupling.books import Books
-from coupling.driver import OVER_ICE, PER_AREA, Exchange
+from coupling.connection import is_per_area
+from coupling.ledger import Exchange
 from floebmi.boundaries import Domain, Edge
 from floebmi.coast import Coast, on_land
 from floebmi.contact import Contact, frictional
@@ -97,10 +98,6 @@ def _is_in(told: str, units: str) -> bool:
         return bool(cf_units.Unit(told) == cf_units.Unit(units))
     except ValueError:
         return False
-
-
-def _is_per_area(row: Variable) -> bool:
-    return row.csdms not in OVER_ICE and any(word in row.csdms for word in PER_AREA)
 
 
 def _info_of(row: Variable) -> dict[str, object]:
@@ -396,7 +393,7 @@ class SeaIceFloes(Component):
             array = self._grid.at_node[row.csdms]
             array[:] = 0.0
             if row.name in fields:  # a scene without wind has no stress of the air
-                array[node] = fields[row.name] * (self._stretch if _is_per_area(row) else 1.0)
+                array[node] = fields[row.name] * (self._stretch if is_per_area(row.csdms) else 1.0)
 
     def _impulse(self) -> np.ndarray:
         """What the fields say that the water has got since the start, per area: (cells, 2) [Pa s]."""

@@ -38,7 +38,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from coupling.books import Books
-from coupling.driver import Exchange
+from coupling.ledger import Exchange
 from coupling.vectors import Staggered
 from floebmi.errors import InputError
 from floebmi.grid import Grid
@@ -277,40 +277,40 @@ class SeaIce:
             )
 
     def _blend(self, state: Any, taux: np.ndarray, tauy: np.ndarray) -> None:
+        """Write the stress on the surface, made in place of that of the air in `taux` and `tauy`, and what stirs the water."""
         vs, settings = state.variables, state.settings
-        wind, fraction = [taux, tauy], self._fraction
         new_step = float(vs.time) >= self._counted
         if new_step:
             self._counted = float(vs.time) + 0.5 * float(settings.dt_mom)
-        tke = None
         if settings.enable_tke:
-            at_cells = np.hypot(
-                0.5 * (taux[INNER, INNER] + taux[1:-3, INNER]),
-                0.5 * (tauy[INNER, INNER] + tauy[INNER, 1:-3]),
-            )
-            tke = (at_cells / settings.rho_0) ** 1.5
-        total = []
-        for axis, name in enumerate("uv"):
-            points, air = self._on[name], self._points(wind[axis], name)
+            vs.forc_tke_surface = self._stirring(state, taux, tauy)
+        for axis, (name, stress) in enumerate((("u", taux), ("v", tauy))):
+            points, air = self._on[name], self._points(stress, name)
             if self.two_way:
-                air = (1.0 - self._mean[name] @ fraction) * air
+                air = (1.0 - self._mean[name] @ self._fraction) * air
             here = np.where(points.open, air, 0.0)
             if new_step:
                 self.open_water[axis] += (here * points.area).sum() * float(settings.dt_mom)
-            total.append(air + self._stress[axis] if self.two_way else air)
-        if self.two_way and tke is not None:
-            cover = fraction.reshape(self.model.grid.shape).T
+            self._to_veros(air + self._stress[axis] if self.two_way else air, name, stress)
+        vs.surface_taux, vs.surface_tauy = taux, tauy
+
+    def _stirring(self, state: Any, taux: np.ndarray, tauy: np.ndarray) -> np.ndarray:
+        """`forc_tke_surface` of this step, from the stress of the air and that of the ice."""
+        vs, settings = state.variables, state.settings
+        air = np.hypot(
+            0.5 * (taux[INNER, INNER] + taux[1:-3, INNER]),
+            0.5 * (tauy[INNER, INNER] + tauy[INNER, 1:-3]),
+        )
+        tke = (air / settings.rho_0) ** 1.5
+        if self.two_way:
+            cover = self.fraction.T
             per_ice = np.divide(
-                self._magnitude, fraction, out=np.zeros_like(fraction), where=fraction > 0
+                self._magnitude, self._fraction, out=np.zeros_like(self._fraction), where=self._fraction > 0
             ).reshape(self.model.grid.shape).T  # fmt: skip
             tke = (1.0 - cover) * tke + cover * (per_ice / settings.rho_0) ** 1.5
-        self._to_veros(total[0], "u", taux)
-        self._to_veros(total[1], "v", tauy)
-        vs.surface_taux, vs.surface_tauy = taux, tauy
-        if tke is not None:
-            surface = np.array(vs.forc_tke_surface, float)
-            surface[INNER, INNER] = tke
-            vs.forc_tke_surface = surface
+        surface = np.array(vs.forc_tke_surface, float)
+        surface[INNER, INNER] = tke
+        return surface
 
     # ---- to look at, and restart ------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from shallowwater.dynamics import tendencies
 
 import floebmi as fb
 from coupling.books import Books
-from coupling.driver import HEADER, Exchange
+from coupling.ledger import HEADER, Exchange
 from coupling.vectors import Staggered
 from floebmi.errors import InputError
 from floebmi.forces import DRAG_PRESETS

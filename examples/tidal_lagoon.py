@@ -20,8 +20,8 @@ import numpy as np
 from landlab import RasterModelGrid
 from landlab.components import TidalFlowCalculator
 
-from coupling.driver import HEADER
 from coupling.landlab import SeaIceFloes
+from coupling.ledger import HEADER
 from floebmi import frictional
 from floebmi.coast import from_land_fraction
 from floebmi.forces import DRAG_PRESETS, CoriolisField, Tilt

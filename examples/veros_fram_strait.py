@@ -28,7 +28,7 @@ runtime_settings.loglevel = "error"
 from veros import VerosSetup, veros_routine  # noqa: E402
 
 import floebmi as fb  # noqa: E402
-from coupling.driver import HEADER, Exchange  # noqa: E402
+from coupling.ledger import HEADER, Exchange  # noqa: E402
 from coupling.veros import SeaIce, Seconds, surface_cells  # noqa: E402
 from floebmi.coast import Coast, from_land_fraction  # noqa: E402
 from floebmi.forces import DRAG_PRESETS  # noqa: E402

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from coupling.driver import HEADER, Exchange
+from coupling.ledger import HEADER, Exchange
 from floebmi import FloeBmi, Grid
 from floebmi.output import load_restart, save_restart
 from floebmi.plot import graph

@@ -92,7 +92,15 @@ class Advance:
 
     Attributes
     ----------
+    packed : the floes in a kernel's order; order : their numbers in the tables of the forces
+    pairs, tiles, lists, walls : the list of pairs, the tiles it is made of, its short lists, and who is near a wall
+    skin, closing : as above [m]
     room, travelled : how far floes may stray until the list is stale, and how far they have [m]
+    near : whether the short lists are of the present place
+    before : how the floes fare now (`pack.Survey`), and next steps begin
+    at : table of each force, while it runs
+    held, lost, liveliest : sums of `dynamics.Books` on the way, and the highest kinetic energy [J]
+    lag : of the other forces behind the floes, see `dynamics.time_to_push`
     """
 
     def __init__(
@@ -117,9 +125,7 @@ class Advance:
         self.period = domain.period
         # only a pack without walls and edges may drift as a whole without a fresh list
         self.still = bool(len(state.walls)) or None in self.period
-        self.constraint = np.zeros(3)
-        self.losses = np.zeros(5)
-        self.liveliest = 0.0  # highest kinetic energy on the way [J]
+        self.held, self.lost, self.liveliest = np.zeros(3), np.zeros(5), 0.0
         self.lag = np.zeros(2)
         self.buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
 
@@ -314,8 +320,8 @@ class Advance:
         return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
 
     def _close(self, books: Books) -> None:
-        self.constraint += books.held.sum(axis=0)
-        self.losses += books.lost.sum(axis=0)
+        self.held += books.held.sum(axis=0)
+        self.lost += books.lost.sum(axis=0)
 
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
@@ -388,7 +394,8 @@ class Advance:
     def _wrap(self) -> None:
         """Bring floes beyond a periodic seam to the other side.
 
-        `Domain.brought_back` in place; where no floe is out, as in most exchanges, it only looks.
+        As `Domain.brought_back` does, but for round-off; in place, and where no floe is out, as in most exchanges, it only
+        looks.
         """
         floes, domain = self.floes, self.domain
         for place, (low, _), period in (
@@ -656,11 +663,11 @@ class Advance:
             along = {"x": wall.impulse} if wall.axis == 0 else {"y": wall.impulse}
             ledger.book("walls", energy=wall.work, **along)
             wall.impulse = wall.work = 0.0
-        if len(self.packed.held) or self.packed.land.any() or self.constraint.any():
-            x, y, work = self.constraint
+        if len(self.packed.held) or self.packed.land.any() or self.held.any():
+            x, y, work = self.held
             ledger.book("held floes and coast", x=x, y=y, energy=work)
         ledger.saw(self.liveliest)
-        *lost, broken = self.losses
+        *lost, broken = self.lost
         accounts = "friction", "dashpots", "broken bonds", "compressive failure"
         for name, loss in zip(accounts, lost, strict=True):
             if loss:

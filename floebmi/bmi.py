@@ -3,8 +3,8 @@
 A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
 Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
 and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
-computed.  Names, units and signs come from `variables`; `SCALARS` adds the
-books of the whole, one number each.
+computed.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
+number for the whole.
 
 The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
 
@@ -39,12 +39,14 @@ from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from bmipy import Bmi
 
 from floebmi import variables
+from floebmi.bmi_layout import Layout, layout_of
+from floebmi.bmi_totals import SCALARS, Scalar
 from floebmi.errors import InputError, choose
 from floebmi.quantities import flat, is_number, unmasked
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
@@ -53,9 +55,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from floebmi.floes import Floes
+    from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
-    from floebmi.grid import Grid
-    from floebmi.model import Fluid, Model
+    from floebmi.model import Model
     from floebmi.scene import Scene
 
 CELLS, WHOLE, AIR, FLOES = range(4)  # BMI grids: exchange cells, one number, the air's cells, floes
@@ -65,101 +67,6 @@ _TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI ho
 _FLOE_ROWS = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
 
 
-# ---- one number for the whole -----------------------------------------------------------------
-
-
-class Scalar(NamedTuple):
-    """An output that is one number for the whole model; `fluid` must be there for it to exist."""
-
-    csdms: str
-    units: str
-    text: str
-    value: "Callable[[Model], float]"
-    fluid: str = ""
-
-
-def _account(names: set[str], others: bool, quantity: int) -> "Callable[[Model], float]":
-    """What these accounts of the ledger, or all others, brought to the ice."""
-    return lambda model: sum(
-        float(row[quantity])
-        for name, row in model.ledger.accounts.items()
-        if (name in names) != others
-    )
-
-
-def _per_axis() -> "Iterator[Scalar]":
-    for q, axis in enumerate(AXES):
-        a = axis.letter
-        yield Scalar(
-            f"sea_ice_flowing__domain_integral_of_{a}_component_of_momentum",
-            "N s",
-            f"momentum of the ice along {a}",
-            lambda model, q=q: float(model.ledger.now[1 + q]),
-        )
-        yield Scalar(
-            f"sea_ice_bottom_water_flowing__domain_time_integral_of_{a}_component_of_undelivered_stress",
-            "N s",
-            f"impulse of ice on ocean along {a} that found no wet cell, since the start",
-            lambda model, q=q: float(model.ocean.undelivered[q]),
-            "ocean",
-        )
-        yield Scalar(
-            f"sea_ice_top_air_flowing__domain_time_integral_of_{a}_z_component_of_stress",
-            "N s",
-            f"impulse of air on ice along {a}, since the start",
-            _account({"wind"}, False, 1 + q),
-            "atmosphere",
-        )
-        yield Scalar(
-            f"sea_ice_flowing__domain_time_integral_of_{a}_component_of_other_force",
-            "N s",
-            f"impulse on ice along {a} by all but ocean drag and wind, since the start",
-            _account({"wind", "ocean drag"}, True, 1 + q),
-        )
-        yield Scalar(
-            f"sea_ice_flowing__{a}_component_of_momentum_balance_residual",
-            "N s",
-            f"momentum along {a} that no account explains",
-            lambda model, a=a: model.ledger.balance(f"momentum_{a}").residual,
-        )
-
-
-SCALARS: tuple[Scalar, ...] = (
-    Scalar(
-        "sea_ice__domain_integral_of_mass",
-        "kg",
-        "mass of the ice",
-        lambda model: float(model.ledger.now[0]),
-    ),
-    *_per_axis(),
-    Scalar(
-        "sea_ice__mass_balance_residual",
-        "kg",
-        "mass that no account explains",
-        lambda model: model.ledger.balance("mass").residual,
-    ),
-    Scalar(
-        "sea_ice__energy_balance_residual",
-        "J",
-        "energy that no account explains; the time step's own error is in it",
-        lambda model: model.ledger.balance("energy").residual,
-    ),
-    Scalar(
-        "model__min_of_time_step",
-        "s",
-        "shortest step between contacts so far, 0 before the first",
-        lambda model: model.counters.shortest_step if model.counters.steps else 0.0,
-    ),
-    Scalar(
-        "model_time_step__count",
-        "1",
-        "steps between contacts since the start",
-        lambda model: float(model.counters.steps),
-    ),
-)
-"""Outputs that are one number each: grid type `scalar`, rank 0, size 1."""
-
-
 def table() -> str:
     """All variables as Markdown, for the documentation."""
     lines = [
@@ -167,65 +74,6 @@ def table() -> str:
         for row in SCALARS
     ]
     return variables.table() + "".join(lines)
-
-
-# ---- grids as BMI tells them ------------------------------------------------------------------
-
-
-class Layout(NamedTuple):
-    """A grid in BMI's words; what a grid type does not have is None.
-
-    type, rank : of BMI
-    size : number of nodes
-    values : number of values of a variable on this grid, and `location` where they are
-    """
-
-    type: str
-    rank: int
-    size: int
-    values: int
-    location: str
-    shape: np.ndarray | None = None  # (y, x)
-    spacing: np.ndarray | None = None
-    origin: np.ndarray | None = None
-    x: np.ndarray | None = None
-    y: np.ndarray | None = None
-    edge_nodes: np.ndarray | None = None
-    face_edges: np.ndarray | None = None
-    face_nodes: np.ndarray | None = None
-    nodes_per_face: np.ndarray | None = None
-
-
-def layout_of(grid: "Grid", faces: bool) -> Layout:
-    """Cell centres as nodes, or cells as faces; there is no choice but faces for cells of any shape."""
-    if faces or grid.x_edges is None:
-        return _faces(grid)
-    shape = np.array(grid.shape)
-    x, y = grid.x[: shape[1]], grid.y[:: shape[1]]
-    structured = Layout(grid.kind, 2, grid.size, grid.size, "node", shape, x=x, y=y)
-    if grid.kind == "rectilinear":
-        return structured
-    west, east, south, north = grid.bounds
-    spacing = np.array([north - south, east - west]) / shape
-    return structured._replace(spacing=spacing, origin=np.array([y[0], x[0]]))
-
-
-def _faces(grid: "Grid") -> Layout:
-    """Edge k of a face leads from its node k to the next one."""
-    from floebmi.grid import following_nodes
-
-    real = grid.face_nodes >= 0
-    count = real.sum(axis=1)
-    begin, end = grid.face_nodes[real], following_nodes(grid.face_nodes)[real]
-    edges, which = np.unique(
-        np.stack([np.minimum(begin, end), np.maximum(begin, end)], axis=1),
-        axis=0,
-        return_inverse=True,
-    )
-    return Layout(
-        "unstructured", 2, grid.node_x.size, grid.size, "face", x=grid.node_x, y=grid.node_y,
-        edge_nodes=edges.ravel(), face_edges=which.ravel(), face_nodes=begin, nodes_per_face=count,
-    )  # fmt: skip
 
 
 # ---- the component ----------------------------------------------------------------------------

@@ -1,24 +1,23 @@
-"""The command `floebmi`.
+"""The command `floebmi`; how it ends, whatever happens, is in `one_line`.
 
-Bad input ends with exit code 2 and one line; a run that left its bounds with 3; an error of the program
-itself with 1, and one line as well, unless `--debug` asks for the traceback.  Commands import what they
-need when they are called, so that help comes at once.
+Commands import what they need when they are called, so that help comes at once.
 """
 
 import contextlib
 import shlex
 import sys
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from floebmi import __version__
-from floebmi.errors import InputError, StabilityError, choose
+from floebmi.errors import InputError, choose
+from floebmi.experiments.commands import experiment
+from floebmi.one_line import PATH, Group, fail
 
 if TYPE_CHECKING:
     from floebmi.scene import Scene
@@ -43,128 +42,6 @@ def main() -> None:
     floebmi()
 
 
-# ---- errors in one line -----------------------------------------------------------------------
-
-
-class _Command(click.Command):
-    """A command whose errors are one line each."""
-
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.params.append(
-            click.Option(["--debug"], is_flag=True, help="Show the traceback of an error.")
-        )
-
-    def invoke(self, ctx: click.Context) -> Any:
-        debug = ctx.params.pop("debug")
-        with _warnings_in_one_line(), contextlib.ExitStack() as stack:
-            if not debug:
-                stack.enter_context(_errors_in_one_line())
-            return super().invoke(ctx)
-
-
-class _Group(click.Group):
-    """The commands; what is wrong with a command line is said in one line as well."""
-
-    command_class = _Command
-
-    def main(self, args: Sequence[str] | None = None, **settings: Any) -> Any:
-        if not settings.pop("standalone_mode", True):
-            return super().main(args, standalone_mode=False, **settings)
-        try:
-            settings["prog_name"] = "floebmi"
-            code = super().main(args, standalone_mode=False, **settings)
-        except click.exceptions.NoArgsIsHelpError as error:
-            click.echo(error.ctx.get_help() if error.ctx else "")
-            code = 0
-        except click.ClickException as error:
-            _fail(_usage(error), error.exit_code)
-        except click.Abort:
-            _fail("stopped", 130)
-        sys.exit(code if isinstance(code, int) else 0)
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and self.get_command(ctx, args[0]) is None and not args[0].startswith("-"):
-            allowed = choose(args[0], self.list_commands(ctx))
-            raise click.UsageError(f"no command {args[0]!r}; {allowed}", ctx)
-        return super().resolve_command(ctx, args)
-
-
-def _usage(error: click.ClickException) -> str:
-    text = " ".join(error.format_message().split())
-    ctx = getattr(error, "ctx", None)
-    where = f" ({ctx.command_path} --help)" if ctx is not None else ""
-    return text.rstrip(".") + where
-
-
-@contextlib.contextmanager
-def _errors_in_one_line() -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        _fail(_with_notes(error), 2)
-    except StabilityError as error:
-        _fail(_with_notes(error), 3)
-    except OSError as error:
-        name = f"{error.filename}: " if error.filename else ""
-        _fail(f"{name}{error.strerror or error}{_notes(error)}", 2)
-    except MemoryError as error:
-        _fail(
-            f"not enough memory: {_with_notes(error)}; must be fewer cells or floes (sizes are in m)",
-            2,
-        )
-    except KeyboardInterrupt as error:
-        _fail(f"stopped{_notes(error)}", 130)
-    except (click.ClickException, click.exceptions.Exit, click.Abort):
-        raise
-    except Exception as error:  # noqa: BLE001  a bug of ours: the user gets one line all the same
-        text = _with_notes(error)
-        _fail(f"error in the program: {type(error).__name__}: {text}; --debug shows where", 1)
-
-
-def _with_notes(error: BaseException) -> str:
-    return f"{error}{_notes(error)}"
-
-
-class _PathType(click.Path):
-    """A path; an empty one, as of a variable of the shell that is not set, would be the folder here."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if not str(value):
-            self.fail("is empty; must be a path", param, ctx)
-        return super().convert(value, param, ctx)
-
-
-_PATH = _PathType(path_type=Path)
-
-
-def _notes(error: BaseException) -> str:
-    return "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
-
-
-def _fail(text: str, code: int) -> None:
-    click.echo(f"floebmi: {' '.join(text.split())}", err=True)
-    sys.exit(code)
-
-
-@contextlib.contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    told = set()  # two fields of one file may give the same cause
-
-    def show(message: Warning | str, category: type[Warning], *place: object) -> None:
-        line = " ".join(str(message).split())
-        if line not in told:
-            click.echo(f"floebmi: warning: {line}", err=True)
-        told.add(line)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = show
-        yield
-
-
 def _scenes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """What Tab makes of a scene: a packaged name that begins so, else a file."""
     from floebmi.scenes import packaged
@@ -183,7 +60,7 @@ def _set_option(function: Callable) -> Callable:
     )(function)  # fmt: skip
 
 
-@click.group(cls=_Group, help=HELP, no_args_is_help=True)
+@click.group(cls=Group, help=HELP, no_args_is_help=True)
 @click.version_option(__version__, prog_name="floebmi", message="%(prog)s %(version)s")
 def floebmi() -> None:
     pass
@@ -193,12 +70,12 @@ def floebmi() -> None:
 @click.argument("scene", shell_complete=_scenes)
 @_set_option
 @click.option(
-    "--to", "folder", type=_PATH, metavar="FOLDER",
+    "--to", "folder", type=PATH, metavar="FOLDER",
     help="Where the output goes; else a folder here with the scene's name.",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace the output of an earlier run.")
 @click.option(
-    "--restart", type=_PATH, metavar="FILE",
+    "--restart", type=PATH, metavar="FILE",
     help="Go on from a restart file, to the end of the scene's duration.",
 )  # fmt: skip
 @click.option(
@@ -413,7 +290,7 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
 )
 @click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores.")
 @click.option(
-    "--to", "target", type=_PATH, metavar="FILE",
+    "--to", "target", type=PATH, metavar="FILE",
     help="NetCDF file to make, and a .png beside it; else SCENE.tradeoff.nc here. `run --accuracy` reads the one beside "
     "the scene.",
 )  # fmt: skip
@@ -455,13 +332,13 @@ def tradeoff(
             )
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:
-        _fail(f"{len(made.failures)} runs failed; the same command runs them again", 3)
+        fail(f"{len(made.failures)} runs failed; the same command runs them again", 3)
 
 
 @floebmi.command()
 @click.argument("name", required=False)
 @click.option(
-    "--to", "target", type=_PATH, metavar="FILE",
+    "--to", "target", type=PATH, metavar="FILE",
     help="Copy the scene to this file (or into this folder), with the data that it reads.",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace files that are there.")
@@ -556,7 +433,7 @@ def _target(target: Path | None, default: Path, force: bool) -> Path:
 
 
 def _to_option(metavar: str, text: str) -> Callable:
-    return click.option("--to", "target", type=_PATH, metavar=metavar, help=text)
+    return click.option("--to", "target", type=PATH, metavar=metavar, help=text)
 
 
 _force_option = click.option("--force", is_flag=True, help="Replace what is there.")
@@ -571,7 +448,7 @@ _arrows_option = click.option(
 
 
 @floebmi.command()
-@click.argument("file", type=_PATH)
+@click.argument("file", type=PATH)
 @_to_option("FILE", "Picture to make (.png, .pdf, .svg); else a .png beside FILE.")
 @_force_option
 @click.option("--time", "number", default=-1, help="Number of the frame; negative from the end.")
@@ -633,7 +510,7 @@ def _refuse(what: str, *parameters: str) -> None:
 
 
 @floebmi.command()
-@click.argument("file", type=_PATH)
+@click.argument("file", type=PATH)
 @_to_option("FILE", "Film to make (.mp4 or .gif); else an .mp4 beside FILE.")
 @_force_option
 @_color_option
@@ -665,7 +542,7 @@ def animate(
 
 
 @floebmi.command()
-@click.argument("file", type=_PATH)
+@click.argument("file", type=PATH)
 @_to_option("FILE", "Page to make (.html); else an .html beside FILE.")
 @_force_option
 @_color_option
@@ -682,7 +559,7 @@ def view(file: Path, target: Path | None, force: bool, color: str, every: int) -
 
 
 @floebmi.command()
-@click.argument("file", type=_PATH)
+@click.argument("file", type=PATH)
 @_to_option("FOLDER", "Where the files go; else a folder paraview beside FILE.")
 @_force_option
 def export(file: Path, target: Path | None, force: bool) -> None:
@@ -722,7 +599,7 @@ def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
 @click.argument("cases", nargs=-1, metavar="[CASE]...")
 @click.option("--long", is_flag=True, help="More steps, more floes, wider ranges; minutes.")
 @click.option(
-    "--save", "target", type=_PATH, metavar="FILE.json",
+    "--save", "target", type=PATH, metavar="FILE.json",
     help="Write what was measured as JSON, too.",
 )  # fmt: skip
 @_force_option
@@ -745,160 +622,7 @@ def validate(cases: tuple[str, ...], long: bool, target: Path | None, force: boo
         click.echo(f"wrote {target}")
     failed = [name for name, measures in results.items() if not all(m.passed for m in measures)]
     if failed:
-        _fail(f"{len(failed)} of {len(results)} cases miss their mark: {', '.join(failed)}", 1)
+        fail(f"{len(failed)} of {len(results)} cases miss their mark: {', '.join(failed)}", 1)
 
 
-# ---- the experiments of the paper -------------------------------------------------------------
-
-
-class _Several(click.ParamType):
-    """One value, or several with commas between them."""
-
-    name = "several"
-
-    def __init__(self, word: bool) -> None:
-        self.word = word
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if not isinstance(value, str):
-            return value
-        parts = tuple(part.strip() for part in value.split(","))
-        if self.word:
-            return parts
-        try:
-            return tuple(float(part) for part in parts)
-        except ValueError:
-            self.fail(
-                f"{value!r}: must be a number, or numbers with commas between them", param, ctx
-            )
-
-
-def _experiment_options(kind: str) -> Callable:
-    """An option for each parameter of the experiment's table, and what both have."""
-    from floebmi.experiments import parameters
-
-    table = getattr(parameters, kind.capitalize())
-
-    def add(function: Callable) -> Callable:
-        for name, default, row in reversed(list(parameters.rows(table))):
-            unit = f" [{row.unit}]" if row.unit not in ("", "1") else ""
-            usual = parameters.NORMAL_STRESSES if name == "normal_stress" else (default,)
-            shown = ",".join(one if isinstance(one, str) else f"{one:g}" for one in usual)
-            function = click.option(
-                f"--{name.replace('_', '-')}", name, type=_Several(isinstance(default, str)),
-                metavar="VALUE[,…]", help=f"{row.meaning}{unit}; {shown}.",
-            )(function)  # fmt: skip
-        return function
-
-    return add
-
-
-SEEDS = {"shear": 3, "strait": 20}  # of an experiment, if not told
-
-
-def _ensemble_options(function: Callable) -> Callable:
-    for option in reversed(
-        [
-            click.option(
-                "--seeds", type=click.IntRange(1),
-                help=f"Number of seeds of each point ({', '.join(f'{k}: {n}' for k, n in SEEDS.items())}).",
-            ),
-            click.option(
-                "--save", type=_PATH, metavar="FILE",
-                help="NetCDF file to make, else shear.nc or strait.nc here; with --figure the picture, else figure-N.png. "
-                "Finished members are kept beside it and not run again.",
-            ),
-            click.option(
-                "--figure", type=click.IntRange(1, 10), metavar="N",
-                help="Run what figure N of the paper shows, and draw it.",
-            ),
-            click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores."),
-            click.option(
-                "--cluster", metavar="ADDRESS", help="Run on the Dask cluster with this scheduler."
-            ),
-            click.option("--quiet", is_flag=True, help="Print nothing but errors."),
-        ]
-    ):  # fmt: skip
-        function = option(function)
-    return function
-
-
-@floebmi.group(cls=_Group)
-def experiment() -> None:
-    """Repeat the experiments of the paper; several values with commas between them make a sweep."""
-
-
-@experiment.command("table")
-def _table() -> None:
-    """Print every parameter of both experiments, with its source."""
-    from floebmi.experiments import parameters
-
-    for kind in (parameters.Shear, parameters.Strait):
-        click.echo(f"{kind.__name__}: {kind.__doc__}\n{parameters.table(kind)}\n")
-
-
-@experiment.command("shear")
-@_experiment_options("shear")
-@_ensemble_options
-def _shear(**options: Any) -> None:
-    """How strong is a pack of floes?  Simple shear under a loaded wall (Figs 1, 3, 4)."""
-    _experiment("shear", **options)
-
-
-@experiment.command("strait")
-@_experiment_options("strait")
-@_ensemble_options
-def _strait(**options: Any) -> None:
-    """How soon does a strait jam?  Floes driven through a funnel (Figs 2, 5 to 10)."""
-    _experiment("strait", **options)
-
-
-def _experiment(
-    name: str,
-    *,
-    seeds: int | None,
-    save: Path | None,
-    figure: int | None,
-    jobs: int | None,
-    cluster: str | None,
-    quiet: bool,
-    **given: tuple[Any, ...] | None,
-) -> None:
-    from floebmi.experiments import campaign, figures, parameters
-
-    kind = getattr(parameters, name.capitalize())
-    values = {key: several for key, several in given.items() if several is not None}
-    numbers = range(1, (seeds or SEEDS[name]) + 1)
-    with _cluster(cluster) as on:
-        how = {"jobs": jobs, "on": on, "progress": not quiet}
-        if figure is not None:
-            made = figures.make_figure(figure, kind, values, numbers, save, **how)
-        else:
-            if kind is parameters.Shear:
-                values.setdefault("normal_stress", parameters.NORMAL_STRESSES)
-            made = campaign.run(kind, values, numbers, save or Path(f"{name}.nc"), **how)
-    if not quiet:
-        click.echo(
-            "\n".join([made.text] * bool(made.text) + [f"wrote {path}" for path in made.files])
-        )
-    if made.failures:
-        _fail(f"{len(made.failures)} members failed; the same command runs them again", 3)
-
-
-@contextlib.contextmanager
-def _cluster(address: str | None) -> Iterator[Any]:
-    if address is None:
-        yield None
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            "--cluster: needs dask.distributed, pip install 'floebmi[ensemble]'"
-        ) from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, ValueError) as error:
-        raise InputError(f"--cluster {address}: {error}; must be a running scheduler") from None
-    with client:
-        yield client
+floebmi.add_command(experiment)

@@ -22,12 +22,10 @@ from numbers import Integral
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from floebmi import __version__
 from floebmi.advance import Advance, draw_own
 from floebmi.agreement import named, of_grid, refuse_other, refuse_other_coast
-from floebmi.arrays import all_finite
 from floebmi.boundaries import (
     Domain,
     Feeder,
@@ -44,8 +42,9 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose, in_line
+from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
+from floebmi.fluid import Fluid
 from floebmi.forces import (
     ACCOUNTS,
     FLUID_U,
@@ -78,7 +77,6 @@ from floebmi.gridding import (
     maximum_shear,
     per_area,
     pressure,
-    sizes_of_drag,
 )
 from floebmi.kept import Kept, Marks, Memory, marks
 from floebmi.kernels import BLOCK
@@ -87,9 +85,7 @@ from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import (
     check,
-    flat,
     is_number,
-    unmasked,
     words,
 )
 from floebmi.sampling import (
@@ -103,126 +99,15 @@ from floebmi.sampling import (
     without_cell,
 )
 from floebmi.state import Counters, Seconds, State
-from floebmi.vorticity import Vorticity
 
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
 PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
 SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
-FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
+UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi does not have
 STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
-
-
-class _Cells:
-    """A field that somebody sets; assignment writes into the array that others may hold."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, fluid: "Fluid", owner: type | None = None) -> np.ndarray:
-        if fluid is None:
-            return self  # type: ignore[return-value]
-        return fluid._set[self.name]
-
-    def __set__(self, fluid: "Fluid", values: ArrayLike) -> None:
-        cells = fluid._set[self.name]
-        if cells is None:
-            raise InputError(f"{self.name}: no force of the model reads it; list the one that does")
-        try:
-            given = unmasked(values)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{self.name} = {in_line(values)}: must be numbers, without a unit"
-            ) from None
-        if given.ndim and given.size != cells.size:
-            raise InputError(
-                f"{self.name} has shape {given.shape}: must be one number or {cells.size} values, one a cell"
-            )
-        cells[:] = flat(self.name, given, fluid.grid.shape) if given.ndim else given
-
-
-class Fluid:
-    """Ocean or atmosphere as the ice sees it, on a grid; all arrays are flat and written in place.
-
-    Attributes
-    ----------
-    grid : Grid
-    u, v : velocity at the cells' centres along x and y [m/s], set by a host or a forcing
-    tilt_x, tilt_y : slope of the sea surface [1], or None
-    coriolis : Coriolis parameter [1/s], or None
-    impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
-    last_x, last_y : the part of it from the last exchange [N s]
-    magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
-        of the ocean, else None
-    coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area of drags K |Δu| Δu, as the last
-        exchange ended, in the water that it read [kg m-2 s-1]; of the ocean, else None
-    undelivered : impulse (x, y) that found no wet cell [N s]
-    layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
-        when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
-    """
-
-    __slots__ = (
-        "grid", "impulse_x", "impulse_y", "last_x", "last_y", "undelivered", "layer_thickness",
-        "_set", "_sizes", "_given", "_curl",
-    )  # fmt: skip
-
-    u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
-
-    def __init__(
-        self, grid: Grid, ocean: bool = False, tilt: bool = False, coriolis: bool = False
-    ) -> None:
-        def zeros() -> np.ndarray:
-            return np.zeros(grid.size)
-
-        self.grid = grid
-        there = {"u": True, "v": True, "tilt_x": tilt, "tilt_y": tilt, "coriolis": coriolis}
-        self._set = {name: zeros() if wanted else None for name, wanted in there.items()}
-        self.impulse_x, self.impulse_y = zeros(), zeros()
-        self.last_x, self.last_y = zeros(), zeros()
-        self._sizes = (zeros(), zeros()) if ocean else (None, None)
-        self._given: tuple | None = None  # what they are made of, when somebody asks for them
-        self.undelivered = np.zeros(2)
-        self.layer_thickness: float | None = None
-        self._curl: Vorticity | None = None
-
-    @property
-    def magnitude(self) -> np.ndarray | None:
-        return self._sizes_of_drag()[0]
-
-    @property
-    def coefficient(self) -> np.ndarray | None:
-        return self._sizes_of_drag()[1]
-
-    def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Magnitude and coefficient, found once somebody asks: few hosts do."""
-        if self._given is not None:
-            w, number, at, floes, density = self._given
-            mass = np.where(floes.active, floes.mass(density), 0.0)
-            of_each = (lanes(at, name) for name in (X, Y, FLUID_U, FLUID_V, RATE))
-            sizes_of_drag(
-                *w[:-1], number, *of_each, floes.u, floes.v, mass, self.grid.area, *self._sizes
-            )
-            self._given = None
-        return self._sizes
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """All that lasts, by name."""
-        names = (
-            "u", "v", "tilt_x", "tilt_y", "coriolis", "impulse_x", "impulse_y", "last_x", "last_y",
-            "magnitude", "coefficient", "undelivered",
-        )  # fmt: skip
-        found = {name: getattr(self, name) for name in names}
-        return {name: values for name, values in found.items() if values is not None}
-
-    def half_curl(self) -> np.ndarray:
-        """½ (∂v/∂x − ∂u/∂y), how fast the fluid turns [1/s], shape (grid.size,)."""
-        if self._curl is None:
-            self._curl = Vorticity(self.grid)
-        curl = self._curl(self.u, self.v)
-        curl *= 0.5
-        return curl
 
 
 def _check_kinds(
@@ -339,37 +224,10 @@ class Model:
         draw_own(floes, contact, rng)
         floes.check()
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
-        kinds = {type(force) for force in self.forces}
-        self.ocean = self.atmosphere = None
-        if kinds & {OceanDrag, Tilt, CoriolisField}:
-            self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
-        if AirDrag in kinds:
-            self.atmosphere = Fluid(atmosphere_grid or self.grid)
-        for seen in dict.fromkeys((self.grid, atmosphere_grid or self.grid)):
-            check_images(seen, domain.period)
-        modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
-        records = build_walls(domain, self.walls, floes, self.ice_density, modulus)
-        if contact is None and len(records):
-            raise InputError("walls and closed edges need a contact law: contact is None")
+        self._make_fluids(atmosphere_grid or self.grid)
         # the floes as they were when nobody had put them onto each other; None where that is not known
         self._accepted: Floes | None = None
-        self._refuse_overlaps("at the start")
-        self._state = State(
-            records,
-            Memory(self._nothing_remembered(), np.arange(len(floes))),
-            None if step.scheme == "verlet" else np.zeros((len(floes), 3)),
-            None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
-            rng,
-            tuple(Feeder(one, domain) for one in self.inflow),
-        )
-        for one in self.inflow:
-            check_way_in(one, records, domain)
-        largest = max(
-            [*floes.radius[floes.active & ~floes.land], *(i.sizes.range[1] for i in self.inflow)],
-            default=np.inf,
-        )
-        for wall in self.walls:
-            check_reach(wall, largest, domain)
+        self._state = self._first_state(rng)
         self._refuse_over_walls("at the start")
         self._last_duration = 0.0
         self._warned_of_lag = False
@@ -385,6 +243,45 @@ class Model:
         self._state.memory = now.memory()
         self._seen.list = None
         self._built = True
+
+    def _make_fluids(self, atmosphere_grid: Grid) -> None:
+        """The fluids that the forces read, at rest."""
+        kinds = {type(force) for force in self.forces}
+        self.ocean = self.atmosphere = None
+        if kinds & {OceanDrag, Tilt, CoriolisField}:
+            self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
+        if AirDrag in kinds:
+            self.atmosphere = Fluid(atmosphere_grid)
+        fluids = {"ocean": self.ocean, "atmosphere": self.atmosphere}
+        self._fluids = {name: fluid for name, fluid in fluids.items() if fluid is not None}
+        for grid in dict.fromkeys((self.grid, atmosphere_grid)):
+            check_images(grid, self.domain.period)
+
+    def _first_state(self, rng: np.random.Generator) -> State:
+        """The state before the first step; InputError for floes, walls and inflows that cannot be together."""
+        floes, domain, contact = self.floes, self.domain, self.contact
+        modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
+        walls = build_walls(domain, self.walls, floes, self.ice_density, modulus)
+        if contact is None and len(walls):
+            raise InputError("walls and closed edges need a contact law: contact is None")
+        self._refuse_overlaps("at the start")
+        state = State(
+            walls,
+            Memory(self._nothing_remembered(), np.arange(len(floes))),
+            None if self.step.scheme == "verlet" else np.zeros((len(floes), 3)),
+            None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
+            rng,
+            tuple(Feeder(one, domain) for one in self.inflow),
+        )
+        for one in self.inflow:
+            check_way_in(one, walls, domain)
+        largest = max(
+            [*floes.radius[floes.active & ~floes.land], *(i.sizes.range[1] for i in self.inflow)],
+            default=np.inf,
+        )
+        for wall in self.walls:
+            check_reach(wall, largest, domain)
+        return state
 
     def __setattr__(self, name: str, value: object) -> None:
         """What a model is made of stays: walls, tables and files know it; `time` and what is in arrays may be set."""
@@ -590,16 +487,16 @@ class Model:
                 "_left": left, "_seen": left, "_accepted": left.floes, "time": self.time + duration,
                 "_last_duration": duration,
             }  # fmt: skip
-            gifts, given = self._gifts(weights, advance.order)
+            impulses, drag = self._impulses(weights, advance.order)
         except BaseException:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
         # Ctrl-C finds all of an exchange or nothing of it: in compiled code it waits, and no other is left
         vars(self).update(after)
-        if given is not None:
-            self.ocean._given = given
-        self._give_back(gifts)
+        if drag is not None:
+            self.ocean._drag = drag
+        self._give_back(impulses)
         self._warn_of_lag(duration)
 
     def _ready(self, seen: _Seen) -> tuple[Advance, dict[int, Weights]]:
@@ -648,28 +545,8 @@ class Model:
             ledger.book("edits by the user", *change)
 
     def _check_fluids(self) -> None:
-        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
-            if fluid is None:
-                continue
-            thickness = fluid.layer_thickness
-            if thickness is not None and not (is_number(thickness) and thickness > 0):
-                raise InputError(
-                    f"{what}.layer_thickness = {thickness!r}: must be greater than 0 m"
-                )
-            for name in ("u", "v", "tilt_x", "tilt_y", "coriolis"):
-                values, bound = getattr(fluid, name), FASTEST if name in ("u", "v") else np.inf
-                if values is None or all_finite(values, bound):
-                    continue
-                wrong = ~(np.abs(values) < bound) & fluid.grid.wet
-                if wrong.any():
-                    cell = int(np.argmax(wrong))
-                    right = "finite"
-                    if np.isfinite(values[cell]):
-                        right = f"a velocity below {bound:g} m/s (a fill value, or wrong units?)"
-                    raise InputError(
-                        f"{what}.{name}: {values[cell]} in wet cell {cell} at t = {self.time:g} s; "
-                        f"must be {right}"
-                    )
+        for name, fluid in self._fluids.items():
+            fluid.refuse_not_finite(name, self.time)
 
     def coverage(self, grid: Grid | None = None) -> Coverage:
         """Exact areas of the floes in the cells of a grid, now; land has none.
@@ -746,29 +623,34 @@ class Model:
             x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
 
-    @staticmethod
-    def _give_back(gifts: list[tuple]) -> None:
-        """The fluids get the opposite of the impulse that their drag gave."""
-        for weighted, fluids in gifts:
-            give_back(*weighted, fluids)
-
-    def _gifts(
+    def _impulses(
         self, weights: dict[int, Weights], order: np.ndarray
     ) -> tuple[list[tuple], tuple | None]:
-        """For `_give_back`, by grid: weights and order, fluids; and what the sizes of the ocean's drag are found from."""
-        given = None
-        gifts: dict[int, list[tuple[np.ndarray, ...]]] = {}
+        """The impulses of drag on floes, for `_give_back`, and what the sizes of the ocean's drag are computed from.
+
+        For each grid its weights with the order of floes, and of each fluid on it the impulses and where they go.
+        """
+        drag = None
+        by_grid: dict[int, list[tuple[np.ndarray, ...]]] = {}
         for force, at in zip(self.forces, self._at, strict=True):
             if not isinstance(force, OceanDrag | AirDrag):
                 continue
             f = self._fluid_of(force)
-            gifts.setdefault(id(f.grid), []).append((
+            by_grid.setdefault(id(f.grid), []).append((
                 lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
             ))  # fmt: skip
             if isinstance(force, OceanDrag):
-                given = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
-        by_grid = [((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in gifts.items()]
-        return by_grid, given
+                drag = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
+        impulses = [
+            ((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in by_grid.items()
+        ]
+        return impulses, drag
+
+    @staticmethod
+    def _give_back(impulses: list[tuple]) -> None:
+        """The fluids get the opposite of the impulse that their drag gave."""
+        for weights, fluids in impulses:
+            give_back(*weights, fluids)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
@@ -1008,10 +890,9 @@ class Model:
         for name in ("previous", "remainder"):
             if getattr(s, name) is not None:
                 state[name] = getattr(s, name).copy()
-        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
-            if fluid is not None:
-                for name, values in fluid.arrays().items():
-                    state[f"{what}_{name}"] = values.copy()
+        for what, fluid in self._fluids.items():
+            for name, values in fluid.arrays().items():
+                state[f"{what}_{name}"] = values.copy()
         return state | s.ledger.state()
 
     def restore(self, state: dict[str, object]) -> None:
@@ -1026,6 +907,16 @@ class Model:
         InputError
             if the state does not fit this model, with table and key; the model is then as before.
         """
+        branched = self._refuse_unlike(state)
+        saved = walls_of_state(self._state.walls, np.asarray(state["walls"]))
+        floes = self._floes_of(state)
+        refuse_other_coast(self.floes, floes, self.domain)
+        self._take_up(state, floes, saved)
+        if branched:
+            warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
+
+    def _refuse_unlike(self, state: dict[str, object]) -> list[str]:
+        """InputError for a state of another scene or of a floebmi too old; numbers of laws that are others, in words."""
         expected, branched = set(self.state()), []
         if "scene" in state:
             branched = refuse_other(json.loads(self._scene), json.loads(str(state["scene"])))
@@ -1039,8 +930,8 @@ class Model:
         if set(state) != expected:
             odd = ", ".join(sorted(set(state) ^ expected))
             raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")
-        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
-            if fluid is not None and np.size(state[f"{what}_u"]) != fluid.grid.size:
+        for what, fluid in self._fluids.items():
+            if np.size(state[f"{what}_u"]) != fluid.grid.size:
                 raise InputError(
                     f"restart: {what} has {np.size(state[f'{what}_u'])} cells, the scene's grid "
                     f"{fluid.grid.size}; must be the same grid"
@@ -1050,13 +941,15 @@ class Model:
             raise InputError(
                 "restart: number of walls differs from the scene's, or an older floebmi wrote it"
             )
-        saved = walls_of_state(walls, np.asarray(state["walls"]))
         have, need = np.size(state["counters"]), len(vars(self._state.counters))
-        missing = need - have  # what an older floebmi did not count goes on from 0
-        if missing not in (0, 2):
+        if have not in (need, need - UNCOUNTED):
             raise InputError(
-                f"restart: counters: {have} of them; must be {need}, or {need - 2} of an older floebmi"
+                f"restart: counters: {have} of them; must be {need}, or {need - UNCOUNTED} of an older floebmi"
             )
+        return branched
+
+    def _floes_of(self, state: dict[str, object]) -> Floes:
+        """The floes of a state; InputError if they cannot be."""
 
         def of_floes(name: str) -> np.ndarray:
             return np.asarray(state[f"floes_{name}"])
@@ -1072,10 +965,13 @@ class Model:
             **rotation,
         )
         floes.active[:] = of_floes("active").astype(bool)
-        refuse_other_coast(self.floes, floes, self.domain)
         for name in own(self.contact):
             floes.allow_own(name)
             setattr(floes, name, of_floes(name))
+        return floes
+
+    def _take_up(self, state: dict[str, object], floes: Floes, walls: np.ndarray) -> None:
+        """Go on from a state that fits, with its floes and its walls."""
         s = self._state
         if not floes.same(self.floes):  # else these very floes are put back, and stay accepted
             self._accepted = None
@@ -1083,7 +979,7 @@ class Model:
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
         self._left, self._seen = None, _Seen(floes.copy())
-        s.walls[:] = saved
+        s.walls[:] = walls
         pairs = PairList(
             np.asarray(state["pair_start"], np.int64),
             np.asarray(state["pair_i"], np.uint32),
@@ -1097,19 +993,18 @@ class Model:
         s.rng.bit_generator.state = json.loads(str(state["rng"]))
         for feeder, waiting in zip(s.feeders, np.atleast_1d(state["waiting"]), strict=True):
             feeder.waiting = None if np.isnan(waiting) else float(waiting)
-        counted = np.asarray(state["counters"]).ravel()
-        for name, value in zip(vars(s.counters), [*counted, *[0.0] * missing], strict=True):
+        # what an older floebmi did not count goes on from 0
+        counted = np.zeros(len(vars(s.counters)))
+        counted[: np.size(state["counters"])] = np.ravel(state["counters"])
+        for name, value in zip(vars(s.counters), counted, strict=True):
             setattr(s.counters, name, type(getattr(s.counters, name))(value))
         s.ledger.restore(state)
-        for what, fluid in (("ocean", self.ocean), ("atmosphere", self.atmosphere)):
-            if fluid is not None:
-                for name, values in fluid.arrays().items():
-                    values[:] = state[f"{what}_{name}"]
+        for what, fluid in self._fluids.items():
+            for name, values in fluid.arrays().items():
+                values[:] = state[f"{what}_{name}"]
         listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
         if len(listed.way):
             self._advance().list_again(listed)
-        if branched:
-            warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
 
     def _must_agree(self) -> str:
         """What this model has in common with those whose state it takes up, as JSON."""

@@ -24,8 +24,9 @@ from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
     from floebmi.budgets import Ledger
+    from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
-    from floebmi.model import Fluid, Model
+    from floebmi.model import Model
     from floebmi.state import Counters
 
 DAY = 86400.0
@@ -204,29 +205,16 @@ def run(
     every = total / 20 if every is None else _positive("every", every)
     exchange = every if exchange is None else _positive("exchange", exchange)
     exchanges = check_intervals(every, exchange)
-    for name, source, fluid in (
-        ("ocean", ocean, model.ocean), ("atmosphere", atmosphere, model.atmosphere)
-    ):  # fmt: skip
-        if source is not None and not (hasattr(source, "fill") and hasattr(source, "span")):
-            raise InputError(
-                f"run: {name} = {in_line(source)}: must be a Constant, Function, VelocityFile or the like"
-            )
-        if source is not None and fluid is None:
-            law = "OceanDrag" if name == "ocean" else "AirDrag"
-            raise InputError(f"{name}: the model has none to force; list {law} among its forces")
     start, end, before = model.time, model.time + total, model.counters.floe_steps
-    for source, fluid in ((ocean, model.ocean), (atmosphere, model.atmosphere)):
-        if source is not None:
-            check_forcing(source, fluid, start, end)
+    _check_sources(model, {"ocean": ocean, "atmosphere": atmosphere}, start, end)
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
-    files = [Path(path) for path in (gridded, trajectories) if path is not None]
-    last = None if restart is None else Path(restart)
-    _refuse_one_file_for_two(files if last is None else [*files, last])
-    if last is not None:
-        check_target(last, overwrite)
-    finished, first_steps = True, None
-    kept, saved = model.state(), time.monotonic()
+    files = [Path(path) for path in (gridded, trajectories, restart) if path is not None]
+    _refuse_one_file_for_two(files)
+    if restart is not None:
+        check_target(Path(restart), overwrite)
+    first_steps = 0
+    state, saved_at = model.state(), time.monotonic()
     of_state = dict(attributes or {})
     if reference is not None:
         of_state |= {"start": text_of(reference), "calendar": calendar}
@@ -242,47 +230,69 @@ def run(
         try:
             with clock.of("output"):
                 write()
-            k = int(start / exchange * (1 + 1e-12))
-            while model.time < end:
-                k += 1
-                target = min(k * exchange, end)
-                if end - target < 1e-9 * exchange:
-                    target = end
-                if target <= model.time:
-                    continue
+            for k, target in _exchange_ends(start, end, exchange):
+                first = model.time == start
                 with clock.of("forcing"):
                     drive.fill(0.5 * (model.time + target))
                 with clock.of_ice(model):
                     model.advance(target - model.time)
                 model.time = target  # a sum of many intervals would drift
-                if first_steps is None:
+                if first:
                     first_steps = model.counters.floe_steps - before
                     clock.first = clock.spent["ice"]
-                kept = model.state()
+                state = model.state()
                 if k % exchanges == 0 or target == end or interrupted:
                     with clock.of("output"):
                         drive.fill(model.time)
                         write()
-                        if restart is not None and time.monotonic() - saved >= SAVED_EVERY:
-                            save_restart(restart, kept, of_state)
-                            saved = time.monotonic()
+                        if restart is not None and time.monotonic() - saved_at >= SAVED_EVERY:
+                            save_restart(restart, state, of_state)
+                            saved_at = time.monotonic()
                 meter.update(model)
-                if interrupted and target < end:
-                    finished = False
+                if interrupted:
                     break
         except BaseException as error:
-            _save(restart, kept, of_state, error)
+            _save(restart, state, of_state, error)
             raise
     if restart is not None:
         with clock.of("output"):
-            save_restart(restart, kept, of_state)
-        files.append(Path(restart))
+            save_restart(restart, state, of_state)
     wall = clock.wall_time()
     return Report(
-        finished, start, model.time, wall, model.counters.floe_steps - before, first_steps or 0,
+        model.time == end, start, model.time, wall, model.counters.floe_steps - before, first_steps,
         dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files),
         shares_of_a_step(model) if profile else {},
     )  # fmt: skip
+
+
+def _exchange_ends(start: float, end: float, exchange: float) -> Iterator[tuple[int, float]]:
+    """Number and end [s] of each exchange: multiples of `exchange`, wherever a run starts, and the end of the run."""
+    k, now = int(start / exchange * (1 + 1e-12)), start
+    while now < end:
+        k += 1
+        target = min(k * exchange, end)
+        if end - target < 1e-9 * exchange:
+            target = end
+        if target > now:
+            yield k, target
+            now = target
+
+
+def _check_sources(
+    model: "Model", sources: "Mapping[str, VelocitySource | None]", start: float, end: float
+) -> None:
+    """InputError for what cannot fill the fluid of that name from `start` to `end` [s]; fluids then are as at the start."""
+    given = {name: source for name, source in sources.items() if source is not None}
+    for name, source in given.items():
+        if not (hasattr(source, "fill") and hasattr(source, "span")):
+            raise InputError(
+                f"run: {name} = {in_line(source)}: must be a Constant, Function, VelocityFile or the like"
+            )
+        if getattr(model, name) is None:
+            law = "OceanDrag" if name == "ocean" else "AirDrag"
+            raise InputError(f"{name}: the model has none to force; list {law} among its forces")
+    for name, source in given.items():
+        check_forcing(source, getattr(model, name), start, end)
 
 
 def _refuse_one_file_for_two(files: Sequence[Path]) -> None:

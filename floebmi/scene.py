@@ -68,8 +68,9 @@ from floebmi.taylor import PAPERS_STEP
 
 if TYPE_CHECKING:
     from floebmi.coast import Coast
+    from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
-    from floebmi.model import Fluid, Model
+    from floebmi.model import Model
 
 _SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
 _DRAG = f"a preset ({', '.join(DRAG_PRESETS)}), or a table of coefficients"

@@ -11,14 +11,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from coupling.connection import OVER_ICE, Connection
 from coupling.driver import (
     HEADER,
-    OVER_ICE,
     Coupling,
     CouplingError,
+    Exchange,
     Link,
-    _Connection,
-    _Impulse,
     bmi_grid,
     couple,
 )
@@ -342,10 +341,10 @@ def test_land_of_the_host_gets_no_stress_and_its_velocities_are_not_read(ocean):
 def test_the_floes_budget_counts_what_they_gave_to_no_water():
     """Wind gave 4 N s; the water got 3, and 2 more were lost on the floes' own grid: they are slower by 1."""
     given, none = np.array([3.0, 0.0]), np.zeros(2)
-    change = {"floes": [-1.0, 0.0], "other": [4.0, 0.0], "no water": [2.0, 0.0]}
+    change = {"floes": [-1.0, 0.0], "other": [4.0, 0.0], "no_water": [2.0, 0.0]}
     change = {name: np.array(pair) for name, pair in change.items()}
-    books = SimpleNamespace(ledger=[], _turnover=10.0)
-    line = Coupling._line(books, 600.0, 600.0, _Impulse(given, given, none, {0, 1}), change)
+    stress = {"given": given, "taken": given, "missed": none, "turnover": 10.0}
+    line = Exchange.balanced(1, 600.0, 600.0, **stress, **change)
     assert (line.budget_residual == 0.0).all() and line.relative == 0.0
 
 
@@ -476,7 +475,7 @@ def test_means_over_the_ice_are_weighted_by_what_makes_them_amounts_again():
         (per_ice.replace("x_z", "y_z"), fraction, 2.5),
     ):
         giver = SimpleNamespace(name="floes", get=amounts.__getitem__)
-        carried = _Connection(
+        carried = Connection(
             giver, None, name, name, "mean", OVER_ICE[name], False, None, 0.0, (0, 0), regrid
         )  # fmt: skip
         assert OVER_ICE[name] == weight

@@ -231,7 +231,7 @@ def test_ctrl_c_finds_all_of_an_exchange_or_nothing_of_it(monkeypatch):
                 cut.advance(0.01)
 
     for place, name in (
-        (Advance, "_go_on"), (Advance, "_touch"), (Advance, "run"), (Model, "_check_energy"), (Model, "_gifts"),
+        (Advance, "_go_on"), (Advance, "_touch"), (Advance, "run"), (Model, "_check_energy"), (Model, "_impulses"),
     ):  # fmt: skip
         pressed_in(place, name)
         assert same(cut, whole) == [], name

@@ -1,0 +1,148 @@
+"""One of the two models of a coupling, asked through BMI only; what it says is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+from bmipy import Bmi
+
+from coupling.cells import digest, grid_of, told_of
+from coupling.units import in_seconds
+from floebmi.errors import InputError
+from floebmi.grid import Grid
+
+SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
+
+
+class CouplingError(RuntimeError):
+    """A model failed in the middle of a coupled run; the line says which, when, and where the state is."""
+
+
+@contextmanager
+def in_one_line(where: str) -> Iterator[None]:
+    """A model that fails in here, or whose process is gone, is told of in one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise CouplingError(f"{where}: {first_line(error)}") from error
+
+
+def same_time(one: float, other: float, every: float) -> bool:
+    """Whether two times [s] are one, but for round-off: a clock that counts from long ago has coarse seconds."""
+    return abs(one - other) <= SAME_TIME * every + 8 * np.spacing(max(abs(one), abs(other)))
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, without what a server adds below it."""
+    details = getattr(error, "details", None)  # where gRPC has its text
+    text = str(details() if callable(details) else error) or type(error).__name__
+    return text.splitlines()[0]
+
+
+class Side:
+    """One of the two models, asked through BMI only; what it says is checked."""
+
+    def __init__(
+        self, name: str, model: Bmi, units: Mapping[str, str], grids: Mapping[int, Grid]
+    ) -> None:
+        self.name, self.model = name, model
+        self._units, self._given = units, grids
+        self._grids: dict[tuple[int, str], tuple[Grid, str, str]] = {}
+        with in_one_line(f"couple: the {name}"):
+            self.inputs = tuple(model.get_input_var_names())
+            self.outputs = tuple(model.get_output_var_names())
+            self._second = in_seconds(model.get_time_units(), name)
+
+    def title(self) -> str:
+        return f"{self.name} {self.model.get_component_name()!r}"
+
+    def time(self) -> float:
+        # float: a clock in single precision would have all that is reckoned with it in single precision
+        return float(self.model.get_current_time()) * self._second
+
+    def start_time(self) -> float:
+        return float(self.model.get_start_time()) * self._second
+
+    def end_time(self) -> float:
+        return float(self.model.get_end_time()) * self._second
+
+    def update_until(self, time: float, every: float) -> None:
+        """To a time [s]; a model without update_until is stepped.  It must land there."""
+        try:
+            self.model.update_until(time / self._second)
+        except NotImplementedError:
+            while self.time() < time and not same_time(self.time(), time, every):
+                before = self.time()
+                self.model.update()
+                if self.time() <= before:
+                    break
+        landed = self.time()
+        if not same_time(landed, time, every):
+            went = "went back" if landed < time - every else "stands"
+            raise InputError(
+                f"the {self.name} {went} at {landed:.12g} s after an update to {time:.12g} s"
+                f" (its own step is {self.model.get_time_step() * self._second:g} s)"
+            )
+
+    def units(self, name: str) -> str:
+        return self._units.get(name) or self.model.get_var_units(name) or ""
+
+    def grid_number(self, name: str) -> int:
+        return self.model.get_var_grid(name)
+
+    def size(self, name: str) -> int:
+        return self.model.get_var_nbytes(name) // self.model.get_var_itemsize(name)
+
+    def get(self, name: str) -> np.ndarray:
+        values = np.empty(self.size(name), self.model.get_var_type(name))
+        self.model.get_value(name, values)
+        return values.astype(np.float64)
+
+    def set(self, name: str, values: np.ndarray) -> np.ndarray:
+        given = values.astype(self.model.get_var_type(name))
+        self.model.set_value(name, given)
+        return given.astype(np.float64)
+
+    def pair(self, template: str) -> np.ndarray:
+        return np.array([self.get(template.format(a=a))[0] for a in "xy"])
+
+    def know_grid(self, name: str) -> Grid:
+        """The cells of a variable; made once, and watched from then on."""
+        number, location = self.grid_number(name), self.model.get_var_location(name)
+        key = number, location
+        if key not in self._grids:
+            told = told_of(self.model, number, location)
+            grid = self._given.get(number)
+            if grid is None:
+                grid = grid_of(told, number, location, f"{name} of the {self.name}")
+            if grid.size != self.size(name):
+                raise InputError(
+                    f"couple: {name} of the {self.name} has {self.size(name)} values, its grid"
+                    f" {number} {grid.size} cells"
+                )
+            self._grids[key] = grid, digest(told), name
+        return self._grids[key][0]
+
+    def refuse_idle_grids(self) -> None:
+        """A grid that was given for a number that no variable has."""
+        if not self._given:
+            return
+        numbers = sorted({self.grid_number(name) for name in (*self.inputs, *self.outputs)})
+        for number in self._given:
+            if number not in numbers:
+                raise InputError(
+                    f"couple: {self.name}_grids: no variable of the {self.name} is on grid {number!r}; its grids"
+                    f" are {', '.join(map(str, numbers))}"
+                )
+
+    def refuse_changed_grids(self) -> None:
+        for (number, location), (_, known, name) in self._grids.items():
+            if digest(told_of(self.model, number, location)) != known:
+                raise InputError(
+                    f"grid {number} of the {self.name} ({name}) is not what it was at the start: weights"
+                    " are made for fixed grids; start a new coupling"
+                )

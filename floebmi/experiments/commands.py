@@ -1,0 +1,164 @@
+"""The commands `floebmi experiment …`: an option for each parameter, and what an ensemble of members asks for."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from floebmi.errors import InputError
+from floebmi.one_line import PATH, Group, fail
+
+
+class _Several(click.ParamType):
+    """One value, or several with commas between them."""
+
+    name = "several"
+
+    def __init__(self, word: bool) -> None:
+        self.word = word
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not isinstance(value, str):
+            return value
+        parts = tuple(part.strip() for part in value.split(","))
+        if self.word:
+            return parts
+        try:
+            return tuple(float(part) for part in parts)
+        except ValueError:
+            self.fail(
+                f"{value!r}: must be a number, or numbers with commas between them", param, ctx
+            )
+
+
+def _experiment_options(kind: str) -> Callable:
+    """An option for each parameter of the experiment's table, and what both have."""
+    from floebmi.experiments import parameters
+
+    table = getattr(parameters, kind.capitalize())
+
+    def add(function: Callable) -> Callable:
+        for name, default, row in reversed(list(parameters.rows(table))):
+            unit = f" [{row.unit}]" if row.unit not in ("", "1") else ""
+            usual = parameters.NORMAL_STRESSES if name == "normal_stress" else (default,)
+            shown = ",".join(one if isinstance(one, str) else f"{one:g}" for one in usual)
+            function = click.option(
+                f"--{name.replace('_', '-')}", name, type=_Several(isinstance(default, str)),
+                metavar="VALUE[,…]", help=f"{row.meaning}{unit}; {shown}.",
+            )(function)  # fmt: skip
+        return function
+
+    return add
+
+
+SEEDS = {"shear": 3, "strait": 20}  # of an experiment, if not told
+
+
+def _ensemble_options(function: Callable) -> Callable:
+    for option in reversed(
+        [
+            click.option(
+                "--seeds", type=click.IntRange(1),
+                help=f"Number of seeds of each point ({', '.join(f'{k}: {n}' for k, n in SEEDS.items())}).",
+            ),
+            click.option(
+                "--save", type=PATH, metavar="FILE",
+                help="NetCDF file to make, else shear.nc or strait.nc here; with --figure the picture, else figure-N.png. "
+                "Finished members are kept beside it and not run again.",
+            ),
+            click.option(
+                "--figure", type=click.IntRange(1, 10), metavar="N",
+                help="Run what figure N of the paper shows, and draw it.",
+            ),
+            click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores."),
+            click.option(
+                "--cluster", metavar="ADDRESS", help="Run on the Dask cluster with this scheduler."
+            ),
+            click.option("--quiet", is_flag=True, help="Print nothing but errors."),
+        ]
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+@click.group(cls=Group)
+def experiment() -> None:
+    """Repeat the experiments of the paper; several values with commas between them make a sweep."""
+
+
+@experiment.command("table")
+def _table() -> None:
+    """Print every parameter of both experiments, with its source."""
+    from floebmi.experiments import parameters
+
+    for kind in (parameters.Shear, parameters.Strait):
+        click.echo(f"{kind.__name__}: {kind.__doc__}\n{parameters.table(kind)}\n")
+
+
+@experiment.command("shear")
+@_experiment_options("shear")
+@_ensemble_options
+def _shear(**options: Any) -> None:
+    """How strong is a pack of floes?  Simple shear under a loaded wall (Figs 1, 3, 4)."""
+    _experiment("shear", **options)
+
+
+@experiment.command("strait")
+@_experiment_options("strait")
+@_ensemble_options
+def _strait(**options: Any) -> None:
+    """How soon does a strait jam?  Floes driven through a funnel (Figs 2, 5 to 10)."""
+    _experiment("strait", **options)
+
+
+def _experiment(
+    name: str,
+    *,
+    seeds: int | None,
+    save: Path | None,
+    figure: int | None,
+    jobs: int | None,
+    cluster: str | None,
+    quiet: bool,
+    **given: tuple[Any, ...] | None,
+) -> None:
+    from floebmi.experiments import campaign, figures, parameters
+
+    kind = getattr(parameters, name.capitalize())
+    values = {key: several for key, several in given.items() if several is not None}
+    numbers = range(1, (seeds or SEEDS[name]) + 1)
+    with _cluster(cluster) as on:
+        how = {"jobs": jobs, "on": on, "progress": not quiet}
+        if figure is not None:
+            made = figures.make_figure(figure, kind, values, numbers, save, **how)
+        else:
+            if kind is parameters.Shear:
+                values.setdefault("normal_stress", parameters.NORMAL_STRESSES)
+            made = campaign.run(kind, values, numbers, save or Path(f"{name}.nc"), **how)
+    if not quiet:
+        click.echo(
+            "\n".join([made.text] * bool(made.text) + [f"wrote {path}" for path in made.files])
+        )
+    if made.failures:
+        fail(f"{len(made.failures)} members failed; the same command runs them again", 3)
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> Iterator[Any]:
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "--cluster: needs dask.distributed, pip install 'floebmi[ensemble]'"
+        ) from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--cluster {address}: {error}; must be a running scheduler") from None
+    with client:
+        yield client

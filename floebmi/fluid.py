@@ -1,0 +1,149 @@
+"""Ocean and atmosphere as the ice sees them: what drives it in the cells of a grid, and the impulse they get back.
+
+Whoever drives the ice (a host, a file, a constant) writes into these arrays; `Model.advance` reads them at the floes, and
+books what their drag gave to the floes, with the opposite sign, in the cells that it was read from.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from floebmi.arrays import all_finite
+from floebmi.errors import InputError, in_line
+from floebmi.forces import FLUID_U, FLUID_V, RATE, X, Y, lanes
+from floebmi.grid import Grid
+from floebmi.gridding import sizes_of_drag
+from floebmi.quantities import flat, is_number, unmasked
+from floebmi.vorticity import Vorticity
+
+FIELDS = "u", "v", "tilt_x", "tilt_y", "coriolis"  # that somebody sets
+FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
+
+
+class _Cells:
+    """A field that somebody sets; assignment writes into the array that others may hold."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, fluid: "Fluid", owner: type | None = None) -> np.ndarray:
+        if fluid is None:
+            return self  # type: ignore[return-value]
+        return fluid._set[self.name]
+
+    def __set__(self, fluid: "Fluid", values: ArrayLike) -> None:
+        cells = fluid._set[self.name]
+        if cells is None:
+            raise InputError(f"{self.name}: no force of the model reads it; list the one that does")
+        try:
+            given = unmasked(values)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{self.name} = {in_line(values)}: must be numbers, without a unit"
+            ) from None
+        if given.ndim and given.size != cells.size:
+            raise InputError(
+                f"{self.name} has shape {given.shape}: must be one number or {cells.size} values, one a cell"
+            )
+        cells[:] = flat(self.name, given, fluid.grid.shape) if given.ndim else given
+
+
+class Fluid:
+    """Ocean or atmosphere as the ice sees it, on a grid; all arrays are flat and written in place.
+
+    Attributes
+    ----------
+    grid : Grid
+    u, v : velocity at the cells' centres along x and y [m/s], set by a host or a forcing
+    tilt_x, tilt_y : slope of the sea surface [1], or None
+    coriolis : Coriolis parameter [1/s], or None
+    impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
+    last_x, last_y : the part of it from the last exchange [N s]
+    magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
+        of the ocean, else None
+    coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area of drags K |Δu| Δu, as the last
+        exchange ended, in the water that it read [kg m-2 s-1]; of the ocean, else None
+    undelivered : impulse (x, y) that found no wet cell [N s]
+    layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
+        when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
+    """
+
+    __slots__ = (
+        "grid", "impulse_x", "impulse_y", "last_x", "last_y", "undelivered", "layer_thickness",
+        "_set", "_sizes", "_drag", "_curl",
+    )  # fmt: skip
+
+    u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
+
+    def __init__(
+        self, grid: Grid, ocean: bool = False, tilt: bool = False, coriolis: bool = False
+    ) -> None:
+        def zeros() -> np.ndarray:
+            return np.zeros(grid.size)
+
+        self.grid = grid
+        there = {"u": True, "v": True, "tilt_x": tilt, "tilt_y": tilt, "coriolis": coriolis}
+        self._set = {name: zeros() if wanted else None for name, wanted in there.items()}
+        self.impulse_x, self.impulse_y = zeros(), zeros()
+        self.last_x, self.last_y = zeros(), zeros()
+        self._sizes = (zeros(), zeros()) if ocean else (None, None)
+        # weights, order, table of the drag, floes and their density in the last exchange; None once `_sizes` are of it
+        self._drag: tuple | None = None
+        self.undelivered = np.zeros(2)
+        self.layer_thickness: float | None = None
+        self._curl: Vorticity | None = None
+
+    @property
+    def magnitude(self) -> np.ndarray | None:
+        return self._sizes_of_drag()[0]
+
+    @property
+    def coefficient(self) -> np.ndarray | None:
+        return self._sizes_of_drag()[1]
+
+    def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Magnitude and coefficient, computed when somebody asks: few hosts do."""
+        if self._drag is not None:
+            w, number, at, floes, density = self._drag
+            mass = np.where(floes.active, floes.mass(density), 0.0)
+            of_each = (lanes(at, name) for name in (X, Y, FLUID_U, FLUID_V, RATE))
+            sizes_of_drag(
+                *w[:-1], number, *of_each, floes.u, floes.v, mass, self.grid.area, *self._sizes
+            )
+            self._drag = None
+        return self._sizes
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that lasts, by name."""
+        names = (
+            *FIELDS, "impulse_x", "impulse_y", "last_x", "last_y", "magnitude", "coefficient",
+            "undelivered",
+        )  # fmt: skip
+        found = {name: getattr(self, name) for name in names}
+        return {name: values for name, values in found.items() if values is not None}
+
+    def refuse_not_finite(self, name: str, time: float) -> None:
+        """InputError for a number in a wet cell that none may be, as the fluid of this name has it at a time [s]."""
+        thickness = self.layer_thickness
+        if thickness is not None and not (is_number(thickness) and thickness > 0):
+            raise InputError(f"{name}.layer_thickness = {thickness!r}: must be greater than 0 m")
+        for field in FIELDS:
+            values, bound = getattr(self, field), FASTEST if field in ("u", "v") else np.inf
+            if values is None or all_finite(values, bound):
+                continue
+            wrong = ~(np.abs(values) < bound) & self.grid.wet
+            if wrong.any():
+                cell = int(np.argmax(wrong))
+                right = "finite"
+                if np.isfinite(values[cell]):
+                    right = f"a velocity below {bound:g} m/s (a fill value, or wrong units?)"
+                raise InputError(
+                    f"{name}.{field}: {values[cell]} in wet cell {cell} at t = {time:g} s; must be {right}"
+                )
+
+    def half_curl(self) -> np.ndarray:
+        """½ (∂v/∂x − ∂u/∂y), how fast the fluid turns [1/s], shape (grid.size,)."""
+        if self._curl is None:
+            self._curl = Vorticity(self.grid)
+        curl = self._curl(self.u, self.v)
+        curl *= 0.5
+        return curl
