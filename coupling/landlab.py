@@ -17,7 +17,6 @@ What is not read is not passed over: a field of the table that the laws do not r
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,6 +37,7 @@ from landlab.grid.base import ModelGrid
 from coupling.books import Books
 from coupling.connection import is_per_area
 from coupling.ledger import Exchange
+from floebmi.arrays import digest
 from floebmi.boundaries import Domain, Edge
 from floebmi.coast import Coast, on_land
 from floebmi.contact import Contact, frictional
@@ -550,7 +550,4 @@ def _refuse_elsewhere(grid: ModelGrid, name: str) -> None:
 
 
 def _digest(grid: ModelGrid) -> str:
-    digest = hashlib.sha256()
-    for part in (grid.x_of_corner, grid.y_of_corner, grid.corners_at_cell, grid.status_at_node):
-        digest.update(np.ascontiguousarray(part).tobytes())
-    return digest.hexdigest()
+    return digest(grid.x_of_corner, grid.y_of_corner, grid.corners_at_cell, grid.status_at_node)

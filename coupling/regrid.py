@@ -41,13 +41,13 @@ host counts it, so that the force in newtons is kept although the plane stretche
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
 
+from floebmi.arrays import digest
 from floebmi.errors import InputError, choose
 from floebmi.files import check_target, in_one_go, new_file
 from floebmi.grid import Grid, check_grid
@@ -365,10 +365,7 @@ class Regrid:
 
 def checksum(grid: Grid) -> str:
     """SHA-256 over the corners of all cells and over the mask: equal grids, equal text."""
-    digest = hashlib.sha256()
-    for part in (grid.shape, grid.corner_x, grid.corner_y, grid.wet):
-        digest.update(np.ascontiguousarray(part).tobytes())
-    return digest.hexdigest()
+    return digest(np.array(grid.shape), grid.corner_x, grid.corner_y, grid.wet)
 
 
 def project(grid: Grid, projection: str) -> Grid:

@@ -30,7 +30,6 @@ Without ice all this is the host alone.
 This file imports nothing of Veros; arrays of its numpy backend are written.
 """
 
-import hashlib
 import time
 from pathlib import Path
 from typing import Any, NamedTuple, final
@@ -40,6 +39,7 @@ import numpy as np
 from coupling.books import Books
 from coupling.ledger import Exchange
 from coupling.vectors import Staggered
+from floebmi.arrays import digest
 from floebmi.errors import InputError
 from floebmi.grid import Grid
 from floebmi.model import Model
@@ -252,8 +252,7 @@ class SeaIce:
             self._stress[axis] = points.flux(mean)
             delivered[axis] = (self._stress[axis] * points.area).sum() * self.every
             missed[axis] = points.undelivered(mean) * self.every
-        areas = model.coverage()
-        ice = np.bincount(areas.cell, weights=areas.area, minlength=model.grid.size)
+        ice = model.coverage().in_cells
         self._fraction = np.where(model.grid.wet, np.minimum(1.0, ice / model.grid.area), 0.0)
         self._magnitude = model.ocean.magnitude / self.every
         self.ledger.append(self._books.close(delivered, missed))
@@ -347,10 +346,9 @@ class SeaIce:
 
 def _digest(state: Any) -> str:
     """Of what the ice has made weights of."""
-    vs, digest = state.variables, hashlib.sha256()
-    for part in (vs.maskT[..., -1], vs.maskU[..., -1], vs.maskV[..., -1], vs.area_u, vs.area_v):
-        digest.update(np.ascontiguousarray(part).tobytes())
-    return digest.hexdigest()
+    vs = state.variables
+    masks = (mask[..., -1] for mask in (vs.maskT, vs.maskU, vs.maskV))
+    return digest(*masks, vs.area_u, vs.area_v)
 
 
 def _mean_of_cells(points: Staggered) -> Any:

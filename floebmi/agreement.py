@@ -6,12 +6,12 @@ law is a branch of the run: the state is whole, and what its energy or mass chan
 told, though, since it may be a slip.  Forcing, the step and what is written may be others.
 """
 
-import hashlib
 import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from floebmi.arrays import digest
 from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.floes import LAND, Floes
@@ -42,8 +42,8 @@ def of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
     corners = [np.rint(2.0**24 * place).astype(np.int32) for place in (x, y)]
     yield f"{name}.shape", list(grid.shape)
     yield f"{name}.bounds", [west, east, south, north]
-    yield f"{name}.corners", _digest(*corners, grid.face_nodes)
-    yield f"{name}.wet", _digest(np.packbits(grid.wet))
+    yield f"{name}.corners", digest(*corners, grid.face_nodes)
+    yield f"{name}.wet", digest(np.packbits(grid.wet))
 
 
 def refuse_other(mine: Mapping[str, object], theirs: Mapping[str, object]) -> list[str]:
@@ -86,13 +86,6 @@ def refuse_other_coast(mine: Floes, theirs: Floes, domain: Domain) -> None:
             raise InputError(
                 f"restart: [coast] has a piece of {name} {one[k]:g} m, the restart's is {other[k]:g} m; must be the same"
             )
-
-
-def _digest(*arrays: np.ndarray) -> str:
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
 
 
 def _alike(one: object, other: object) -> bool:

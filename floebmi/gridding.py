@@ -75,7 +75,7 @@ class InternalStress(NamedTuple):
 def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
     """Where the area of the floes is: wet cells, overlap, dry cells, outside the grid [m²]."""
     _check_grid(grid, coverage.size)
-    ice = np.bincount(coverage.cell, weights=coverage.area, minlength=grid.size)
+    ice = coverage.in_cells
     shown = np.minimum(ice, grid.area)
     return AreaBudget(
         wet=float(shown[grid.wet].sum()),

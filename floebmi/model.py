@@ -831,8 +831,7 @@ class Model:
 
     def over_ice_area(self) -> np.ndarray:
         """One over the area of ice in each cell now [m-2], 0 where there is none: (grid.size,)."""
-        areas = self.coverage()
-        ice = np.bincount(areas.cell, weights=areas.area, minlength=self.grid.size)
+        ice = self.coverage().in_cells
         return np.divide(1.0, ice, out=np.zeros(self.grid.size), where=ice > 0)
 
     # ---- copies and restart ------------------------------------------------------------------------

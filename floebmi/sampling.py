@@ -77,6 +77,11 @@ class Coverage(NamedTuple):
     outside: np.ndarray
     inside: np.ndarray
 
+    @property
+    def in_cells(self) -> np.ndarray:
+        """Area of all floes in each cell [m²], (size,): more than the cell's where floes overlap."""
+        return np.bincount(self.cell, weights=self.area, minlength=self.size)
+
 
 class Polygons(NamedTuple):
     """Cells of any shape, with the raster that finds them."""
