@@ -108,7 +108,6 @@ class Report(NamedTuple):
                 ("forcing", wall.forcing),
                 ("ice", wall.ice),
                 ("  steps", wall.steps),
-                *((f"    {name}", share * wall.steps) for name, share in self.shares.items()),
                 ("  lists of neighbours", wall.lists),
                 ("  exchange", wall.exchange),
                 ("  all in the first exchange", wall.first),
@@ -118,6 +117,8 @@ class Report(NamedTuple):
         ]  # fmt: skip
         rows += [
             ("a floe-step, later on", f"{per_floe_step:.1f} ns", ""),
+            # no seconds: the first steps may have been compiled meanwhile
+            *((f"  {name} in a step", f"{share:.0%}", "") for name, share in self.shares.items()),
             ("steps", f"{c.steps}", ""),
             ("floe-steps", f"{c.floe_steps}", ""),
             ("renewals of the pair list", f"{c.rebuilds}", f"{_ratio(c.steps, c.rebuilds):.0f} steps each"),

@@ -354,7 +354,7 @@ def test_the_speed_is_that_after_the_first_exchange_and_the_profile_adds_up():
     rows = {line[:28].strip(): line[28:].split() for line in report.profile().splitlines()}
     assert rows["rest"] == ["8.00", "s", "40%"]
     assert rows["steps"] == ["50"]
-    assert rows["contacts"] == rows["motion"] == ["3.00", "s", "15%"]  # of the steps
+    assert rows["contacts in a step"] == rows["motion in a step"] == ["50%"]
     assert rows["lists of neighbours"] == ["1.00", "s", "5%"]
     assert rows["exchange"] == ["2.00", "s", "10%"]
     assert rows["contacts at the end"] == ["7"]
