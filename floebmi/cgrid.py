@@ -2,8 +2,11 @@
 
 The components stand on the faces of the cells.  Models number them differently:
 
-    "after"   ROMS, NEMO   u[i] on the face after centre i:   its faces are u[i-1], u[i]
-    "before"  MITgcm       u[i] on the face before centre i:  its faces are u[i], u[i+1]
+    "after"   ROMS, NEMO, Veros   u[i] on the face after centre i:   its faces are u[i-1], u[i]
+    "before"  MITgcm              u[i] on the face before centre i:  its faces are u[i], u[i+1]
+
+These are places in a file: ROMS' u(i) is before its centre i, but a file begins with u(1) and with centre 0.  MOM6
+writes one face more than centres with symmetric memory ("before"), as many without ("after").
 
 A centre gets the mean of its two faces.  A closed face beside water has no flow through it and counts as 0,
 as in the models themselves; a face beyond the end of the file is not known, and the other stands alone.
@@ -171,13 +174,13 @@ def _beside(field: Field, place: Place, stagger: Stagger, axis: int, files: list
     if shift is not None:
         return _OFFSETS["none" if abs(shift) < 0.25 else "before" if shift < 0 else "after"]
     dim = field.dims[axis].lower()
-    if re.search(r"^(xi|eta)_[uv]$|grid_[uv]$", dim):  # ROMS, NEMO
+    if re.search(r"^(xi|eta)_[uv]$|grid_[uv](_inner)?$", dim):  # ROMS, NEMO (XIOS)
         return _OFFSETS["after"]
-    if re.search(r"^[xy](g|_g|u|v|_u|_v)$", dim):  # MITgcm
+    if re.search(r"^[xy]_?g$|^[ij]_g$", dim):  # MITgcm, also as xmitgcm writes it
         return _OFFSETS["before"]
     raise InputError(
         f"{field.label}: a staggered grid, but not on which side of the centres its points are; say"
-        " stagger = 'before' (MITgcm), 'after' (ROMS, NEMO) or 'none'"
+        " stagger = 'before' (MITgcm), 'after' (ROMS, NEMO, Veros) or 'none'"
     )
 
 

@@ -380,6 +380,36 @@ def test_an_mitgcm_grid_on_longitude_and_latitude_is_told_by_its_coordinates(tmp
     np.testing.assert_allclose(z, 0.01 * (lons + 1j * lats), atol=2e-4)
 
 
+@pytest.mark.parametrize(
+    "dims, first",
+    [
+        (("eta_rho", "xi_u", "eta_v", "xi_rho"), 0.5),  # ROMS
+        (("y_grid_T", "x_grid_U", "y_grid_V", "x_grid_T"), 0.5),  # NEMO
+        (("y_grid_T_inner", "x_grid_U_inner", "y_grid_V_inner", "x_grid_T_inner"), 0.5),
+        (("YC", "XG", "YG", "XC"), -0.5),  # MITgcm
+        (("j", "i_g", "j_g", "i"), -0.5),  # MITgcm through xmitgcm
+        (("yt", "xu", "yu", "xt"), None),  # Veros (0.5), and others
+        (("y", "x_u", "y_v", "x"), None),
+    ],
+)
+def test_names_of_dimensions_tell_the_side_of_faces_only_where_they_are_of_one_model(dims, first):
+    data, grid = roms(same_size=True), around(10, 75)
+    u = 0.1 + 0.01 * (np.arange(24) + (first or 0.5)) + np.zeros((20, 1))
+    faces = {"U": (dims[:2], u, ALONG_X), "V": (dims[2:], data.v.values, ALONG_Y)}
+    centres = {
+        name: ((dims[0], dims[3]), data[f"{name}_rho"].values, data[f"{name}_rho"].attrs)
+        for name in ("lon", "lat")
+    }
+    data = xr.Dataset(faces | centres)  # nothing says where the faces are but names
+    if first is None:
+        with pytest.raises(InputError, match="not on which side of the centres"):
+            VelocityFile(data, grid, projection=POLAR)
+        return
+    expected = (0.1 + 0.01 * along_xi(grid) - 0.05j) * np.exp(1j * ROMS_TURN)
+    u, v = velocity(VelocityFile(data, grid, projection=POLAR), grid)
+    np.testing.assert_allclose(u + 1j * v, expected, atol=1e-5)
+
+
 def test_nemo_files_of_u_and_v_get_their_centres_from_a_third_file_or_from_u(tmp_path):
     data = roms(same_size=True)
     x0, y0 = (float(a) for a in to_plane(POLAR, 10, 75))
