@@ -1,7 +1,7 @@
 """The one table: every number of the two experiments, its unit, and where it comes from.
 
 "stated" means that the paper gives it; "chosen" that it does not, and why this value; "reference code" that
-it is from the examples of the paper's own code, Granular.jl.  A field is a row of the table, an option of
+it is from the paper's own code, Granular.jl, its examples or its defaults.  A field is a row of the table, an option of
 `floebmi experiment`, and a parameter of a member.
 """
 
