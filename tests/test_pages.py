@@ -342,8 +342,8 @@ def elsewhere(tmp_path, monkeypatch):
 
 
 def works(page, long):
-    if page in PACKAGES:
-        pytest.importorskip(PACKAGES[page], reason=f"{PACKAGES[page]} is not installed")
+    if page in PACKAGES and find_spec(PACKAGES[page]) is None:  # YAC is no bare import
+        pytest.skip(f"{PACKAGES[page]} is not installed")
     left, absent = walk(page, GIVEN.get(page, lambda: None)(), long)
     if page in AFTER:
         AFTER[page](left)
