@@ -34,6 +34,7 @@ from floebmi.forces import (
 from floebmi.kernels import BLOCK, dispatched, in_place, inlined, inner
 from floebmi.pairs import (
     DASHPOTS,
+    Inverse,
     Near,
     PairList,
     narrow,
@@ -464,7 +465,7 @@ def strike_wall(inverse, wall_law, floes, force, k, wall, along_x, f, opening, d
     """The blow of a floe that met a wall or left it: on the floe, and its opposite on the wall."""
     if f.blow_n == 0.0:
         return
-    w = inverse[0][k] if along_x else inverse[1][k]
+    w = inverse.x[k] if along_x else inverse.y[k]
     pushed = w * (force[k].x if along_x else force[k].y) - wall.inverse_mass * wall.force
     ahead = opening + 0.5 * dt * wall.side * pushed
     impulse, _ = blow(wall_law.dashpot, f.blow_n, opening, ahead, w + wall.inverse_mass)
@@ -591,12 +592,17 @@ def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer, blows):
     return noted
 
 
+@inner
+def inverse_of(p):
+    return Inverse(p.held.size > 0, p.inverse_x, p.inverse_y, p.inverse_spin)
+
+
 @in_place
 def touch_all(laws, packed, lists, walls, books, buffers):
     """The forces at the present place, and the short list, as a step leaves them."""
     p, near, last = packed, lists.near, lists.near.counts.size
     first = last - last  # as in `verlet`
-    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    inverse = inverse_of(p)
     forget(p.spinning, p.force)
     narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, lists.skin)
     for tile in range(last):
@@ -615,7 +621,7 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
     """
     p, tiles, seams, fastest = packed, lists.tiles, lists.tiles.coast.size, 0.0
     pair_buffer, floe_buffer, blows = buffers
-    inverse = (p.inverse_x, p.inverse_y, p.inverse_spin)
+    inverse = inverse_of(p)
     noted = 0
     for tile in range(first, last + 1):
         if moves and tile < seams and tile < last:

@@ -92,6 +92,19 @@ class PairList(NamedTuple):
         return {name: values for name, values in named.items() if values is not None}
 
 
+class Inverse(NamedTuple):
+    """How easily floes are moved: 0 along an axis with prescribed motion.
+
+    held : whether any floe that is no coast has such an axis; else the w of a floe's own record serves both axes
+    x, y : inverse masses [1/kg]; spin : inverse inertia, or None
+    """
+
+    held: bool
+    x: np.ndarray
+    y: np.ndarray
+    spin: np.ndarray | None
+
+
 class Near(NamedTuple):
     """The short list: pairs of a `PairList` that are close, by part of it, with room for all of them.
 
@@ -226,7 +239,7 @@ def touch_floes(
     """Add the forces of a part of the short list, a block at a time.
 
     dt : time over which contacts have slipped
-    inverse : inverse masses along x and y, and inverse inertia; None: contacts that opened or closed note no blows
+    inverse : an `Inverse`; None: contacts that opened or closed note no blows
     lost : a row of `Books.lost`
     Returns how many blows there are.
     """
@@ -402,12 +415,13 @@ def note_blows(
     inverse, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows, noted, buffer
 ):  # fmt: skip
     """Note the blows of a block of pairs, most of which have none; returns how many there are by now."""
-    for k in range(n):
-        normal, tangential = buffer[BLOW_N + k], blow_along(slip, k, buffer)
-        if normal == 0.0 and tangential == 0.0:
-            continue
-        one = blows[noted]
-        noted += 1
+    last = noted
+    for k in range(n):  # which pairs, first: a branch for each would be foreseen by no processor
+        blows[last].i = k
+        last += (buffer[BLOW_N + k] != 0.0) | (blow_along(slip, k, buffer) != 0.0)
+    for q in range(noted, last):
+        one = blows[q]
+        k = one.i
         dx, dy = wrap(period_x, buffer[DX + k]), wrap(period_y, buffer[DY + k])
         du, dv = buffer[DU + k], buffer[DV + k]
         r_i, r_j = buffer[R_I + k], buffer[R_J + k]
@@ -419,8 +433,8 @@ def note_blows(
         one.nx, one.ny, one.a_i, one.a_j = nx, ny, a_i, a_j
         one.opening = du * nx + dv * ny
         one.slip_rate = du * ny - dv * nx + turning(spinning, a_i, a_j, k, buffer)
-        one.normal, one.tangential = normal, tangential
-    return noted
+        one.normal, one.tangential = buffer[BLOW_N + k], blow_along(slip, k, buffer)
+    return last
 
 
 @note_blows.register
@@ -438,26 +452,27 @@ def strike_floes(law, slip, inverse, floes, spinning, blows, noted, dt, force, c
     By now the forces of the other contacts are known too, but for those with floes of still later tiles.
     """
     half, not_taken = 0.5 * dt, 0.0
-    inverse_x, inverse_y, inverse_spin = inverse
     for q in range(noted):
         one = blows[q]
         i, j, nx, ny = one.i, one.j, one.nx, one.ny
+        x_i, y_i = inverse_masses(inverse, floes, i)
+        x_j, y_j = inverse_masses(inverse, floes, j)
         du = floes[j].u - floes[i].u
-        du += half * (inverse_x[j] * force[j].x - inverse_x[i] * force[i].x)
+        du += half * (x_j * force[j].x - x_i * force[i].x)
         dv = floes[j].v - floes[i].v
-        dv += half * (inverse_y[j] * force[j].y - inverse_y[i] * force[i].y)
-        w_x, w_y = inverse_x[i] + inverse_x[j], inverse_y[i] + inverse_y[j]
+        dv += half * (y_j * force[j].y - y_i * force[i].y)
+        w_x, w_y = x_i + x_j, y_i + y_j
         w_n, w_t = w_x * nx * nx + w_y * ny * ny, w_x * ny * ny + w_y * nx * nx
         blow_n, rest_n = blow(law.dashpot, one.normal, one.opening, du * nx + dv * ny, w_n)
         blow_t, rest_t = take_slip(
-            slip, law, one, du * ny - dv * nx, w_t, inverse_spin, spinning, force, half
+            slip, law, one, du * ny - dv * nx, w_t, inverse.spin, spinning, force, half
         )
         not_taken += rest_n + rest_t
         x, y = -blow_n * nx - blow_t * ny, -blow_n * ny + blow_t * nx
         strike(inverse, floes, i, x, y, constraint)
         strike(inverse, floes, j, -x, -y, constraint)
-        strike_spin(inverse_spin, spinning, i, blow_t * one.a_i, constraint)
-        strike_spin(inverse_spin, spinning, j, blow_t * one.a_j, constraint)
+        strike_spin(inverse.spin, spinning, i, blow_t * one.a_i, constraint)
+        strike_spin(inverse.spin, spinning, j, blow_t * one.a_j, constraint)
     # slip that a beam resists is a bond's
     lost[BONDS if law.friction is None else FRICTION] -= not_taken
 
@@ -498,15 +513,23 @@ def _(inverse_spin: None, spinning, force, k, arm, half):
 
 
 @inner
+def inverse_masses(inverse, floes, k):
+    """1/m of a floe along x and y; where no axis is held, from the floe's own line of the cache."""
+    if inverse.held:
+        return inverse.x[k], inverse.y[k]
+    return floes[k].w, floes[k].w
+
+
+@inner
 def strike(inverse, floes, k, x, y, constraint):
     """An impulse on a floe; a held axis hands it on to what holds it."""
-    inverse_x, inverse_y, _ = inverse
-    floes[k].u += inverse_x[k] * x
-    floes[k].v += inverse_y[k] * y
-    if inverse_x[k] == 0.0:
+    w_x, w_y = inverse_masses(inverse, floes, k)
+    floes[k].u += w_x * x
+    floes[k].v += w_y * y
+    if w_x == 0.0:
         constraint[0] -= x
         constraint[2] -= x * floes[k].u
-    if inverse_y[k] == 0.0:
+    if w_y == 0.0:
         constraint[1] -= y
         constraint[2] -= y * floes[k].v
 
