@@ -461,7 +461,7 @@ class Scene(Table):
     seed: int = Field(
         0,
         ge=0,
-        description="of everything random; the same seed gives the same bits. Group k of floes, from 0, draws from the seed + k",
+        description="of everything random; the same seed gives the same bits. Each group of floes has random numbers of its own",
     )
     preset: Literal["damsgaard2018"] | None = Field(
         None, description="'damsgaard2018': time step, scheme and lever arms as the paper ran them"
@@ -598,7 +598,7 @@ class Scene(Table):
         groups = []
         for k, group in enumerate(self.floes):
             with self._place_of_group(k):
-                groups.append(group.build(sea, self.seed + k))
+                groups.append(group.build(sea, _seed_of_group(self.seed, k)))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
         with self.place(""):
             model = Model(
@@ -787,6 +787,13 @@ class Scene(Table):
             beyond_span=table.beyond_span,
             calendar=self.time.calendar,
         )
+
+
+def _seed_of_group(seed: int, k: int) -> int:
+    """What group k of floes, from 0, draws from: no other group's, nor that of any group of another scene's seed."""
+    if k == 0:
+        return seed
+    return int(np.random.SeedSequence(seed, spawn_key=(k,)).generate_state(1, np.uint64)[0])
 
 
 def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> None:

@@ -259,7 +259,7 @@ def tradeoff(
     error : that a recommended setting may have, relative to the reference
     of : the quantity whose error counts, one of `COMPARED`; default: transport where floes leave, drift where
         wind or water moves them, else velocity
-    seeds : number of seeds, 1, 2, …; as far apart as there are groups of floes that are drawn from them
+    seeds : number of seeds, 1, 2, …
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
     budget : minutes that all may take; the runs are made shorter to fit
     to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
@@ -312,13 +312,10 @@ def tradeoff(
         "every": schedule.every,
     }
     members = to.with_name(f"{to.name}.members")
-    # group k draws from the seed + k: a group of one seed must not be another group of the next
-    drawn = [k for k, group in enumerate(scene.floes) if getattr(group, "seed", 0) is None]
-    apart = drawn[-1] - drawn[0] + 1 if drawn else 1
 
     def run(texts: Sequence[str]) -> ensemble.Ensemble:
         return ensemble.run(
-            member, shared, {"setting": texts}, range(1, 1 + seeds * apart, apart), members,
+            member, shared, {"setting": texts}, range(1, 1 + seeds), members,
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
 

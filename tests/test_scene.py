@@ -10,10 +10,11 @@ from floebmi.contact import Coulomb, Damsgaard2018Coulomb
 from floebmi.dynamics import Step
 from floebmi.floes import DRIVEN, FIXED
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
-from floebmi.packing import IceNotPlaced
+from floebmi.packing import IceNotPlaced, scatter
 from floebmi.scene import Scene, copy_scene
 from floebmi.scene_floes import Sea
 from floebmi.scenes import packaged
+from floebmi.sizes import UniformSize
 from floebmi.tables import keys
 
 TWO = """
@@ -331,6 +332,29 @@ velocity = [0.5, 0]
     other = read_scene(path, ["seed=6"]).build().model.floes
     np.testing.assert_array_equal(floes.x, again.x)
     assert len(other) != len(floes) or not np.array_equal(floes.x, other.x)
+
+
+def test_no_group_of_a_seed_has_the_floes_of_another_group_or_seed(write):
+    group = 'size = { distribution = "uniform", radius_min = 5, radius_max = 20 }\ncount = 20\n'
+    path = write(
+        "[domain]\nx = [0, 1000]\ny = [0, 1000]\n"
+        + "".join(f"[[floes]]\n{group}x = [{100 * k}, {100 * (k + 1)}]\n" for k in range(3))
+    )
+    drawn = []
+    for seed in range(3):
+        floes = read_scene(path, [f"seed={seed}"]).build().model.floes
+        drawn += [tuple(np.sort(floes.radius[floes.x // 100 == k])) for k in range(3)]
+    assert all(len(radii) == 20 for radii in drawn) and len(set(drawn)) == 9
+
+
+def test_the_first_group_draws_from_the_seed_itself(write):
+    path = write(
+        "seed = 4\n[domain]\nx = [0, 1000]\ny = [0, 1000]\n"
+        '[floes]\nsize = { distribution = "uniform", radius_min = 5, radius_max = 20 }\ncount = 20\n'
+    )
+    built = read_scene(path).build().model
+    alone = scatter(built.domain, UniformSize(5.0, 20.0), count=20, seed=4)
+    np.testing.assert_array_equal(built.floes.x, alone.x)
 
 
 def test_floes_of_the_labrador_sea_have_the_area_of_its_file_and_two_per_cent_less_volume():

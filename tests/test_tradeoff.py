@@ -183,23 +183,6 @@ def test_runs_that_are_all_the_same_do_not_tell_how_well_an_error_is_known(
     assert np.isnan(made.data.noise).all() and "±" not in tradeoff.table(made.data)
 
 
-@pytest.mark.parametrize(("own", "apart"), [("", 2), ("seed = 1\n", 1)])
-def test_no_group_of_one_seed_is_another_group_of_the_next(tmp_path, monkeypatch, own, apart):
-    path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own, 1))
-    west = read_scene(path, [f"seed={1 + apart}"]).build().model.floes
-    east = read_scene(path, ["seed=1"]).build().model.floes
-    drawn = west.radius[west.x < 200], east.radius[east.x > 200]
-    assert not np.array_equal(*(np.sort(radius) for radius in drawn))
-
-    def seen(member, shared, sweep, seeds, folder, **how):
-        raise InputError(str(list(seeds)))
-
-    monkeypatch.setattr(tradeoff.ensemble, "run", seen)
-    with pytest.raises(InputError) as told:
-        tradeoff.tradeoff(path, seeds=3, to=tmp_path / "t.nc")
-    assert str(told.value) == str([1, 1 + apart, 1 + 2 * apart])
-
-
 def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
     data = xr.Dataset(
         {
