@@ -24,6 +24,7 @@ import numpy as np
 from floebmi import ensemble
 from floebmi.ensemble import Output
 from floebmi.errors import InputError
+from floebmi.files import contents
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
@@ -305,7 +306,7 @@ def tradeoff(
     shared = {
         "scene": str(scene.file),
         "text": _hash(scene.text),
-        "files": {name: _as_it_is(scene.file.parent / name) for name in scene.paths()},
+        "files": files_of(scene),
         "overrides": overrides,
         "duration": schedule.duration,
         "exchange": schedule.exchange,
@@ -339,10 +340,9 @@ def tradeoff(
     return Measured(data, to, why, done.failures)
 
 
-def _as_it_is(path: Path) -> str:
-    """Size and date of a file: of another one finished runs are not."""
-    told = path.stat()
-    return f"{told.st_size} bytes of {np.datetime64(told.st_mtime_ns, 'ns')}"
+def files_of(scene: Scene) -> dict[str, str]:
+    """What is in the files that a scene reads: where that is another, runs and results are another's."""
+    return {name: contents(scene.file.parent / name) for name in scene.paths()}
 
 
 def _affordable(

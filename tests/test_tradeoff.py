@@ -246,6 +246,22 @@ def test_runs_of_files_that_have_changed_since_are_refused(tmp_path, few_dials):
         tradeoff.tradeoff(path, **how)
 
 
+def test_a_folder_of_forcing_is_another_one_if_a_file_deep_in_it_is(tmp_path):
+    """As a Zarr store is, whose own date stays when numbers in it change."""
+    chunk = tmp_path / "wind.zarr" / "u10" / "c" / "0"
+    chunk.parent.mkdir(parents=True)
+    chunk.write_bytes(b"1.0")
+    scene = read_scene(scene_file(tmp_path, QUIET + '[atmosphere]\nfile = "wind.zarr"\n'))
+    first = tradeoff.files_of(scene)
+    assert list(first) == ["wind.zarr"]
+    chunk.write_bytes(b"2.0")
+    assert tradeoff.files_of(scene) != first
+    chunk.write_bytes(b"1.0")
+    assert tradeoff.files_of(scene) == first  # the same wind, of another date
+    chunk.rename(chunk.with_name("1"))
+    assert tradeoff.files_of(scene) != first
+
+
 def test_only_a_result_is_replaced_by_a_result(tmp_path):
     path = scene_file(tmp_path, QUIET)
     with pytest.raises(InputError, match="pack.toml: must end in .nc"):
