@@ -332,6 +332,7 @@ def tradeoff(
         "floebmi_file": f"tradeoff {FILE_VERSION}",
         "title": f"speed against accuracy of the scene {scene.name}",
         "scene_hash": shared["text"],
+        "files": json.dumps(shared["files"]),
         "duration": schedule.duration,
         "comparison": why,
         "overrides": json.dumps(overrides),
@@ -597,10 +598,20 @@ def _hash(text: str) -> str:
 
 
 def result(scene: Scene) -> "xr.Dataset | None":
-    """The result that is stored beside a scene; None if there is none for this text of it and these overrides."""
+    """The result that is stored beside a scene; None if there is none for its text, these overrides and its files as they are."""
     path = stored(scene)
     data = read(path) if path.exists() else None
-    return data if data is not None and data.attrs.get("scene_hash") == _hash(scene.text) else None
+    return data if data is not None and _is_of(data, scene) and not _changed(data, scene) else None
+
+
+def _is_of(data: "xr.Dataset", scene: Scene) -> bool:
+    return data.attrs.get("scene_hash") == _hash(scene.text)
+
+
+def _changed(data: "xr.Dataset", scene: Scene) -> list[str]:
+    """The files of a scene that are not what they were when a result was measured."""
+    then = json.loads(data.attrs.get("files", "{}"))
+    return [name for name, now in files_of(scene).items() if then.get(name) != now]
 
 
 def read(path: Path) -> "xr.Dataset":
@@ -623,21 +634,32 @@ def chosen(scene: Scene, accuracy: float) -> str:
     Raises
     ------
     InputError
-        if there is no result beside the scene, it is of another text of the scene or of other overrides, or
-        nothing is so accurate.
+        if there is no result beside the scene, it is of another text of the scene, of other overrides or of files that
+        have changed since, or nothing is so accurate.
     """
     path, data = stored(scene), result(scene)
-    make = f"floebmi tradeoff {scene.file} --to {path} makes it"
+    make = f"floebmi tradeoff {scene.file} --to {path}"
     if not path.exists():
-        raise InputError(f"--accuracy: there is no {path.name} beside {scene.file}; {make}")
+        raise InputError(
+            f"--accuracy: there is no {path.name} beside {scene.file}; {make} makes it"
+        )
     if data is None:
-        overrides = json.loads(read(path).attrs.get("overrides", "[]"))
-        if overrides and result(read_scene(scene.file, overrides)) is not None:
-            same = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
+        other = read(path)
+        overrides = json.loads(other.attrs.get("overrides", "[]"))
+        same = "".join(f" --set {shlex.quote(override)}" for override in overrides)
+        own = read_scene(scene.file, overrides)
+        if _is_of(other, own) and _changed(other, own):
+            changed = ", ".join(_changed(other, own))
             raise InputError(
-                f"{path}: was measured with {same}: give these too and first, or {make} anew"
+                f"{path}: {changed} changed since it was measured; {make}{same} makes it anew"
             )
-        raise InputError(f"{path}: was measured for another text of {scene.file}; {make} anew")
+        if _is_of(other, own) and overrides:
+            raise InputError(
+                f"{path}: was measured with{same}: give these too and first, or {make} makes it anew"
+            )
+        raise InputError(
+            f"{path}: was measured for another text of {scene.file}; {make} makes it anew"
+        )
     setting = recommended(data, accuracy)
     if setting is None:
         least = float(data.error.sel(quantity=data.attrs["of"]).where(data.error > 0).min())

@@ -103,6 +103,37 @@ def test_a_result_of_another_text_of_the_scene_is_refused(tmp_path):
     assert tradeoff.result(scene) is None
 
 
+@pytest.mark.parametrize("by_hand", [[], ["step.fraction=0.2"]])
+def test_a_result_of_files_that_have_changed_since_is_refused(tmp_path, by_hand):
+    floes = tmp_path / "floes.csv"
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.5\n175,158,15,1,0\n")
+    path = scene_file(tmp_path, SCENE.replace(PACK, 'arrangement = "file"\nfile = "floes.csv"\n'))
+    scene = read_scene(path, by_hand)
+    data = numbers([0.01, 0.02, 0.0]).assign_coords(setting=["step.fraction=0.7", "", "fine"])
+    data.attrs |= MARK | {
+        "scene_hash": tradeoff._hash(scene.text),
+        "files": json.dumps(tradeoff.files_of(scene)),
+        "overrides": json.dumps(by_hand),
+    }
+    data.to_netcdf(tradeoff.stored(scene))
+    options = [word for change in by_hand for word in ("--set", change)]
+    run = ["run", str(path), *options, "--accuracy", "0.1", "--duration", "15"]
+    told = CliRunner().invoke(command, [*run, "--to", str(tmp_path / "out")])
+    assert told.exit_code == 0 and "accuracy 0.1: --set step.fraction=0.7" in told.output
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.05\n175,158,15,1,0\n")
+    told = CliRunner().invoke(command, [*run, "--to", str(tmp_path / "other")], prog_name="floebmi")
+    assert told.exit_code == 2 and told.stderr.count("\n") == 1
+    anew = " ".join(["--to", str(tradeoff.stored(scene)), *options, "makes it anew"])
+    assert "pack.tradeoff.nc: floes.csv changed since it was measured" in told.stderr
+    assert anew in told.stderr
+    assert tradeoff.result(scene) is None
+
+
+def test_packaged_results_are_of_the_packaged_scenes_and_their_files():
+    for name in ("labrador-sea", "periodic-box", "shear-cell", "strait", "two-floes"):
+        assert tradeoff.result(read_scene(name)) is not None, name
+
+
 def test_a_damaged_result_and_a_file_that_is_none_are_refused_in_one_line(tmp_path):
     path = scene_file(tmp_path, QUIET)
     result = tradeoff.stored(read_scene(path))
