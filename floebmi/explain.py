@@ -49,6 +49,7 @@ def notes(model: "Model") -> list[str]:
     lines = []
     if model.contact is None and model.floes.land.any():
         lines.append("without [contact] the coast stops no floe: ice drifts over land")
+    grids: dict[int, tuple[Grid, list[str]]] = {}  # by their corners: ocean and air may share them
     for force in model.forces:
         if not isinstance(force, OceanDrag | AirDrag):
             continue
@@ -62,11 +63,14 @@ def notes(model: "Model") -> list[str]:
             )
         fluid = model.ocean if ocean else model.atmosphere
         assert fluid is not None
-        out = _left_out(fluid.grid, model.domain)
+        grids.setdefault(id(fluid.grid.corner_x), (fluid.grid, []))[1].append(name)
+    for grid, names in grids.values():
+        out = _left_out(grid, model.domain)
         if out:
             lines.append(
-                f"about {100 * out:.3g} % of the domain lies outside the cells of the {name}: floes have no {name} drag"
-                " there, and are in none of its fields; a [grid] that covers [domain] has none of that"
+                f"about {100 * out:.3g} % of the domain lies outside the cells of the {' and the '.join(names)}: floes have"
+                f" no {' or '.join(names)} drag there, and are in no field; a [grid] that covers [domain] has none"
+                " of that"
             )
     return lines
 

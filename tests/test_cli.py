@@ -460,6 +460,17 @@ def test_a_grid_that_leaves_a_part_of_the_domain_out_is_told_of(cli, tmp_path, e
     assert (f"about {share} {told}" in notes) if share else (told not in notes)
 
 
+@pytest.mark.parametrize("own", ["", "[atmosphere.grid]\nshape = [4, 3]\nx = [0, 500]\n"])
+def test_ocean_and_air_on_one_grid_are_noted_once(cli, tmp_path, own):
+    (tmp_path / "scene.toml").write_text(
+        "[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nshape = [4, 3]\nx = [-250, 500]\n"
+        "[ocean]\nvelocity = [0.1, 0]\n[atmosphere]\nvelocity = [5, 0]\n" + own
+    )
+    notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
+    both = "outside the cells of the ocean and the air: floes have no ocean or air drag there"
+    assert notes.count("outside the cells") == (2 if own else 1) and (both in notes) != bool(own)
+
+
 @pytest.mark.parametrize("name", packaged())
 def test_every_packaged_scene_can_be_built_and_explained(cli, name):
     result = cli("explain", name)
