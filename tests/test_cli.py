@@ -1,5 +1,6 @@
 """The command line: what it prints, what it leaves, and how it refuses."""
 
+import json
 import os
 import shlex
 import signal
@@ -11,8 +12,9 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 
-from floebmi import __version__, running
+from floebmi import Floes, Model, __version__, read_scene, running
 from floebmi.cli import floebmi
+from floebmi.explain import notes
 from floebmi.output import load_restart
 from floebmi.scenes import packaged
 
@@ -445,6 +447,35 @@ def test_a_coast_that_stops_no_floe_is_noted(cli):
     note = "note: without [contact] the coast stops no floe"
     assert note in cli("explain", "labrador-sea", "--set", "contact=none").stdout
     assert note not in cli("explain", "labrador-sea").stdout
+
+
+def test_floes_over_dry_cells_are_noted(cli, tmp_path):
+    """They had no drag, in silence: floes of a list behind a shore, and where no coast lines the dry cells."""
+    ring = [[0, 0], [600, 0], [600, 1000], [0, 1000], [0, 0]]
+    land = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "properties": {}, "geometry": land}
+    (tmp_path / "land.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [feature]})
+    )
+    (tmp_path / "scene.toml").write_text(
+        "contact = 'frictional'\n[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nspacing = 100\n"
+        "[coast]\ngeojson = 'land.geojson'\nradius = 20\n[ocean]\nvelocity = [0.1, 0]\n"
+        "[floes]\narrangement = 'list'\neach = [{x = X, y = 500, radius = 10}, {x = 800, y = 500, radius = 10}]\n"
+        "[time]\nduration = 60\n".replace("X", "300")
+    )
+    note = "note: a floe over dry cells alone has no ocean drag (1 of 2 floes now)\n"
+    assert note in cli("explain", "scene.toml").stdout and note in cli("run", "scene.toml").stdout
+    beside = "--set", "floes.each.1.x=700"
+    assert "dry cells" not in cli("explain", "scene.toml", *beside).stdout
+    scene = read_scene("scene.toml")
+    model = scene.build().model
+    lined = ~model.floes.land
+    floes = Floes(*(getattr(model.floes, n)[lined] for n in ("x", "y", "radius", "thickness")))
+    bare = Model(model.domain, floes, forces=model.forces, grid=model.grid)
+    [line] = [line for line in notes(bare) if "dry cells" in line]
+    assert line.endswith("(1 of 2 floes now); no [coast] keeps floes off them")
+    bare.floes.x[0] = 700.0
+    assert any("(0 of 2 floes now); no [coast]" in line for line in notes(bare))
 
 
 @pytest.mark.parametrize("edges, share", [("inactive", "50"), ("periodic", "25"), ("periodic", "")])
