@@ -55,6 +55,7 @@ from floebmi.scenes import packaged
 from floebmi.tables import (
     Table,
     apply_override,
+    keyed,
     law_of,
     one_of,
     parse,
@@ -244,7 +245,7 @@ class Parts(Table):
     """A contact law in parts; a part that is left out is not modelled."""
 
     model: Literal["parts"] = "parts"
-    elastic: Elastic = Field(Elastic(), description="normal elasticity")
+    elastic: keyed(Elastic) = Field(Elastic(), description="normal elasticity")
     friction: (
         one_of(
             "law",
@@ -253,9 +254,9 @@ class Parts(Table):
         )
         | None
     ) = Field(None, description="friction, with rotation")
-    bonds: TensileStrength | None = Field(None, description="tensile strength")
-    dashpot: Restitution | None = Field(None, description="normal damping")
-    failure: CompressiveFailure | None = Field(
+    bonds: keyed(TensileStrength) | None = Field(None, description="tensile strength")
+    dashpot: keyed(Restitution) | None = Field(None, description="normal damping")
+    failure: keyed(CompressiveFailure) | None = Field(
         None, description="failure in compression, then sliding of floe over floe"
     )
 
@@ -486,8 +487,8 @@ class Scene(Table):
     atmosphere: Atmosphere | None = Field(None, description="wind drag")
     coriolis: CoriolisTable | None = Field(None, description="Coriolis acceleration")
     tilt: TiltTable | None = Field(None, description="sea-surface tilt")
-    body_force: BodyForce | None = Field(None, description="a uniform acceleration")
-    walls: list[Wall] = Field([], description="frictionless walls, [[walls]]")
+    body_force: keyed(BodyForce) | None = Field(None, description="a uniform acceleration")
+    walls: list[keyed(Wall)] = Field([], description="frictionless walls, [[walls]]")
     inflow: list[InflowTable] = Field([], description="edges where floes come in, [[inflow]]")
     step: StepTable = Field(StepTable(), description="how time is stepped")
     time: Time = Field(Time(), description="when and how long")

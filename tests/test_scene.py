@@ -347,6 +347,17 @@ def test_no_group_of_a_seed_has_the_floes_of_another_group_or_seed(write):
     assert all(len(radii) == 20 for radii in drawn) and len(set(drawn)) == 9
 
 
+@pytest.mark.parametrize(
+    "change",
+    ["body_force=[0, 1e-3]", "walls=[['north', 100]]"]
+    + [f"contact={{model='parts', {part}}}" for part in (
+        "elastic=[1e7]", "elastic=[]", "bonds=[1e5]", "dashpot=[0.3]", "failure=[1e6]")],
+)  # fmt: skip
+def test_a_list_in_the_place_of_a_table_is_refused(two, change):
+    """It was taken in the order of the keys, which nothing tells."""
+    assert refused(two, change) == f"--set {change}: must be a table of keys"
+
+
 def test_the_first_group_draws_from_the_seed_itself(write):
     path = write(
         "seed = 4\n[domain]\nx = [0, 1000]\ny = [0, 1000]\n"
