@@ -348,6 +348,22 @@ def test_no_group_of_a_seed_has_the_floes_of_another_group_or_seed(write):
 
 
 @pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("domain.x=[0, 1e300]", "[domain] domain.x = (0.0, 1e+300): must be within 1e+09 m"),
+        ("domain.y=[-1e10, 9]", "[domain] domain.y = (-10000000000.0, 9.0): must be within 1e+09"),
+        ("grid={shape=[2,2], x=[0, 1e300]}", "grid: x = (0.0, 1e+300): must be within 1e+09 m"),
+        (
+            "grid={kind='rectilinear', x_edges=[0, 1e300], y_edges=[0, 1]}",
+            "[grid] grid: x_edges[1] = 1e+300: must be within 1e+09 m",
+        ),
+    ],
+)
+def test_a_domain_and_a_grid_lie_within_what_numbers_tell_apart(two, change, said):
+    assert said in refused(two, change)
+
+
+@pytest.mark.parametrize(
     "change",
     ["body_force=[0, 1e-3]", "walls=[['north', 100]]"]
     + [f"contact={{model='parts', {part}}}" for part in (
