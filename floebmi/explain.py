@@ -50,7 +50,7 @@ def notes(model: "Model") -> list[str]:
     lines = []
     if model.contact is None and model.floes.land.any():
         lines.append("without [contact] the coast stops no floe: ice drifts over land")
-    grids: dict[int, tuple[Grid, list[str]]] = {}  # by their corners: ocean and air may share them
+    grids: dict[int, tuple[Grid, list[str]]] = {}  # by their nodes: ocean and air may share them
     for force in model.forces:
         if not isinstance(force, OceanDrag | AirDrag):
             continue
@@ -71,7 +71,7 @@ def notes(model: "Model") -> list[str]:
                 f"a floe over dry cells alone has no {name} drag ({over} of {free} floes now)"
                 + ("" if coast else "; no [coast] keeps floes off them")
             )
-        grids.setdefault(id(fluid.grid.corner_x), (fluid.grid, []))[1].append(name)
+        grids.setdefault(id(fluid.grid.node_x), (fluid.grid, []))[1].append(name)
     for grid, names in grids.values():
         out = _left_out(grid, model.domain)
         if out:

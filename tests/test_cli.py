@@ -29,6 +29,10 @@ def cli(tmp_path, monkeypatch):
     return call
 
 
+def land(path, ring):
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+
+
 def fast(*more):
     """Two floes for a quarter of a minute."""
     return ["run", "two-floes", "--set", "time.duration=15", "--quiet", *more]
@@ -451,12 +455,7 @@ def test_a_coast_that_stops_no_floe_is_noted(cli):
 
 def test_floes_over_dry_cells_are_noted(cli, tmp_path):
     """They had no drag, in silence: floes of a list behind a shore, and where no coast lines the dry cells."""
-    ring = [[0, 0], [600, 0], [600, 1000], [0, 1000], [0, 0]]
-    land = {"type": "Polygon", "coordinates": [ring]}
-    feature = {"type": "Feature", "properties": {}, "geometry": land}
-    (tmp_path / "land.geojson").write_text(
-        json.dumps({"type": "FeatureCollection", "features": [feature]})
-    )
+    land(tmp_path / "land.geojson", [[0, 0], [600, 0], [600, 1000], [0, 1000], [0, 0]])
     (tmp_path / "scene.toml").write_text(
         "contact = 'frictional'\n[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nspacing = 100\n"
         "[coast]\ngeojson = 'land.geojson'\nradius = 20\n[ocean]\nvelocity = [0.1, 0]\n"
@@ -491,15 +490,23 @@ def test_a_grid_that_leaves_a_part_of_the_domain_out_is_told_of(cli, tmp_path, e
     assert (f"about {share} {told}" in notes) if share else (told not in notes)
 
 
-@pytest.mark.parametrize("own", ["", "[atmosphere.grid]\nshape = [4, 3]\nx = [0, 500]\n"])
-def test_ocean_and_air_on_one_grid_are_noted_once(cli, tmp_path, own):
+@pytest.mark.parametrize(
+    ("more", "times"),
+    [
+        ("", 1),
+        ("[coast]\ngeojson = 'land.geojson'\nradius = 20\n", 1),  # wind blows over land, too
+        ("[atmosphere.grid]\nshape = [4, 3]\nx = [0, 500]\n", 2),
+    ],
+)
+def test_ocean_and_air_on_one_grid_are_noted_once(cli, tmp_path, more, times):
+    land(tmp_path / "land.geojson", [[0, 0], [300, 0], [300, 1000], [0, 1000], [0, 0]])
     (tmp_path / "scene.toml").write_text(
-        "[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nshape = [4, 3]\nx = [-250, 500]\n"
-        "[ocean]\nvelocity = [0.1, 0]\n[atmosphere]\nvelocity = [5, 0]\n" + own
+        "contact = 'cohesive'\n[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nshape = [4, 3]\nx = [-250, 500]\n"
+        "[ocean]\nvelocity = [0.1, 0]\n[atmosphere]\nvelocity = [5, 0]\n" + more
     )
     notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
     both = "outside the cells of the ocean and the air: floes have no ocean or air drag there"
-    assert notes.count("outside the cells") == (2 if own else 1) and (both in notes) != bool(own)
+    assert notes.count("outside the cells") == times and (both in notes) == (times == 1)
 
 
 @pytest.mark.parametrize("name", packaged())
