@@ -392,11 +392,11 @@ def _compare(
             f"of = {of!r}: is zero in this scene; must be one of {', '.join(quantities)}"
         )
     grown = {q: float(_pointwise(nudged[q], base[q]).max()) for q in quantities}
-    worst = max(grown, key=lambda q: grown[q])
+    worst = max(grown, key=lambda q: np.nan_to_num(grown[q]))
     chaotic = grown[worst] > SEES * error
     n = runs.sizes["seed"]
     # floes of a list, of a file or with a seed of their own are those of every seed, and so is then the whole run
-    same = all(bool((base[q] == base[q].isel(seed=0)).all()) for q in quantities)
+    same = all(_same_for_all_seeds(base[q]) for q in quantities)
     why = (
         f"a nudge of the floes by {NUDGE:g} of their radius changes {worst} by {grown[worst]:.1g}: "
         + (f"chaotic, so means over time and {n} seeds are compared" if chaotic else "quiet, so frames and cells are compared one by one")
@@ -425,6 +425,11 @@ def _compare(
     data["cost_per_day"].attrs = {"units": "s", "long_name": OUTPUTS["cost_per_day"].long_name}
     data.attrs = {"reference": fine, "of": of, "seeds": n}
     return data, why
+
+
+def _same_for_all_seeds(field: "xr.DataArray") -> bool:
+    values = field.transpose("seed", ...).values
+    return np.array_equal(values, np.broadcast_to(values[0], values.shape), equal_nan=True)
 
 
 def _pointwise(one: "xr.DataArray", other: "xr.DataArray") -> "xr.DataArray":

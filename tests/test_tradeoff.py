@@ -227,6 +227,29 @@ def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
     return data
 
 
+@pytest.mark.parametrize("shift, same", [(0.0, True), (1.0, False)])
+def test_runs_with_no_number_in_the_same_cells_may_be_the_same(shift, same):
+    """A field may have no number in a cell or more; the seeds may change nothing all the same."""
+
+    def run(setting, seed):
+        fields = {q: np.ones((2, 2)) for q in tradeoff.COMPARED}
+        fields["transport"][:, 0] = np.nan
+        fields["drift"] += (setting == "fine nudged") + shift * seed
+        return {"time": np.arange(2.0), **fields} | {
+            name: np.array(1.0) for name, of in tradeoff.OUTPUTS.items() if not of.dims
+        }
+
+    settings = ("fine", "fine nudged", "")
+    members = {(s, k): run(setting, k) for s, setting in enumerate(settings) for k in range(2)}
+    two = {name: ("frame", "cell") for name in tradeoff.COMPARED}
+    outputs = {n: of._replace(dims=two.get(n, of.dims)) for n, of in tradeoff.OUTPUTS.items()}
+    done = tradeoff.ensemble.Ensemble({}, {"setting": settings}, (1, 2), members, [])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tradeoff, "OUTPUTS", outputs)
+        _, why = tradeoff._compare(done, "fine", 0.05, "drift", ())
+    assert "changes drift by" in why and ("the seed changes nothing" in why) == same
+
+
 def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_reference():
     assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.05) == "middle"
     assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.3) == "fast"
