@@ -10,7 +10,7 @@ from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
-from floebmi.quantities import NonNegative, Positive, check, is_number
+from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number
 from floebmi.sizes import Sizes, check_sizes
 
 Edge = Literal["inactive", "periodic", "closed"]
@@ -133,7 +133,7 @@ class Inflow(NamedTuple):
 
 
 def check_domain(domain: Domain) -> None:
-    """Refuse an empty rectangle, unknown words, and a periodic edge without its partner."""
+    """Refuse an empty rectangle, one beyond all maps, unknown words, and a periodic edge without its partner."""
     if not isinstance(domain, Domain):
         raise InputError(f"domain = {domain!r}: must be a Domain")
     for name in ("x", "y"):
@@ -146,6 +146,8 @@ def check_domain(domain: Domain) -> None:
         low, high = pair
         if not high > low:
             raise InputError(f"domain.{name} = ({low}, {high}): the second must be larger")
+        if max(abs(low), abs(high)) > FARTHEST:
+            raise InputError(f"domain.{name} = ({low}, {high}): must be within {FARTHEST:g} m")
     for edge in EDGES:
         word = getattr(domain, edge)
         allowed = ("inactive", "periodic", "closed")

@@ -16,6 +16,7 @@ import json
 import multiprocessing
 import os
 import signal
+import sys
 import warnings
 import zipfile
 from collections import Counter
@@ -384,7 +385,10 @@ def _collect(executor, keys, arguments, keep):
             except Exception as error:  # noqa: BLE001  of the executor, such as a worker that was lost
                 result = error
             for warning in heard:
-                warnings.warn(warning, stacklevel=1)
+                try:
+                    warnings.warn(warning, stacklevel=1)
+                except Warning as error:  # python -W error; here it would end all members
+                    result = error
             keep(futures[future], result)
     except KeyboardInterrupt:
         for future in futures:
@@ -406,14 +410,15 @@ class _Quiet:
         pass
 
     def write(self, text: str) -> None:
-        warnings.warn(text, stacklevel=4)
+        try:
+            warnings.warn(text, stacklevel=4)
+        except UserWarning:  # python -W error; the other members go on all the same
+            print(text, file=sys.stderr)
 
 
 def _bar(total: int, initial: int, progress: bool) -> Any:
     if not progress:
         return _Quiet()
-    import sys
-
     from tqdm import tqdm
 
     class Bar(tqdm):

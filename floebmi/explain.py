@@ -10,6 +10,7 @@ from floebmi.contact import turns
 from floebmi.floes import FIXED
 from floebmi.forces import AirDrag, OceanDrag
 from floebmi.running import duration_text
+from floebmi.sampling import floe_weights, without_cell
 
 if TYPE_CHECKING:
     from floebmi.boundaries import Domain
@@ -45,10 +46,11 @@ def explain(scene: "Scene", built: "Built") -> str:
 
 def notes(model: "Model") -> list[str]:
     """Lines on what a modeller may not expect: a coast that stops no floe; a drag coefficient, taken on the floes' area, that
-    is unusual; a grid that leaves a part of the domain out."""
+    is unusual; floes without drag over dry cells; a grid that leaves a part of the domain out."""
     lines = []
     if model.contact is None and model.floes.land.any():
         lines.append("without [contact] the coast stops no floe: ice drifts over land")
+    grids: dict[int, tuple[Grid, list[str]]] = {}  # by their nodes: ocean and air may share them
     for force in model.forces:
         if not isinstance(force, OceanDrag | AirDrag):
             continue
@@ -62,13 +64,33 @@ def notes(model: "Model") -> list[str]:
             )
         fluid = model.ocean if ocean else model.atmosphere
         assert fluid is not None
-        out = _left_out(fluid.grid, model.domain)
+        over, free = _over_dry_cells(fluid.grid, model)
+        coast = model.floes.land.any()
+        if over or not (coast or fluid.grid.wet.all()):
+            lines.append(
+                f"a floe over dry cells alone has no {name} drag ({over} of {free} floes now)"
+                + ("" if coast else "; no [coast] keeps floes off them")
+            )
+        grids.setdefault(id(fluid.grid.node_x), (fluid.grid, []))[1].append(name)
+    for grid, names in grids.values():
+        out = _left_out(grid, model.domain)
         if out:
             lines.append(
-                f"about {100 * out:.3g} % of the domain lies outside the cells of the {name}: floes have no {name} drag"
-                " there, and are in none of its fields; a [grid] that covers [domain] has none of that"
+                f"about {100 * out:.3g} % of the domain lies outside the cells of the {' and the '.join(names)}: floes have"
+                f" no {' or '.join(names)} drag there, and are in no field; a [grid] that covers [domain] has none"
+                " of that"
             )
     return lines
+
+
+def _over_dry_cells(grid: "Grid", model: "Model") -> tuple[int, int]:
+    """Number of free floes that touch cells of a grid but none that is wet, and of all free floes."""
+    f = model.floes
+    x, y, radius = (a[f.active & (f.motion == 0)] for a in (f.x, f.y, f.radius))
+    if grid.wet.all():
+        return 0, x.size
+    seen = floe_weights(grid, x, y, radius, model.sampling, model.domain.period)
+    return int(np.count_nonzero(without_cell(seen) & (grid.locate(x, y) >= 0))), x.size
 
 
 def _left_out(grid: "Grid", domain: "Domain") -> float:

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import hashlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,20 @@ from floebmi.errors import InputError
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
+
+
+def contents(path: Path) -> str:
+    """Size and digest of a file, or of all files of a folder such as a Zarr store: whatever their dates, of others they differ."""
+    if not path.exists():
+        return "missing"
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    size, digest = 0, hashlib.sha256()
+    for one in files:
+        with open(one, "rb") as file:
+            own = hashlib.file_digest(file, "sha256").hexdigest()
+        digest.update(f"{one.relative_to(path).as_posix()} {own}\n".encode())
+        size += one.stat().st_size
+    return f"{size} bytes, {digest.hexdigest()[:16]}"
 
 
 def check_folder(path: Path) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from floebmi.errors import InputError, in_line
 from floebmi.kernels import jit
-from floebmi.quantities import is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, unmasked
 
 Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
@@ -447,6 +447,8 @@ def check_grid(name: str, grid: object) -> None:
 def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
     if np.shape(pair) != (2,) or not all(map(is_number, pair)) or not pair[1] > pair[0]:
         raise InputError(f"grid: {name} = {pair!r}: must be two numbers, the second larger")
+    if max(map(abs, pair)) > FARTHEST:
+        raise InputError(f"grid: {name} = {pair!r}: must be within {FARTHEST:g} m")
     return float(pair[0]), float(pair[1])
 
 
@@ -481,9 +483,11 @@ def _divide(name: str, low: float, high: float, spacing: float) -> int:
 
 def _finite(name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
     array = np.array(unmasked(values))
-    if not np.isfinite(array).all():
-        place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f"grid: {name}{list(place)} = {array[place]}: must be finite")
+    wrong = ~(np.abs(array) <= FARTHEST)  # NaN is wrong, too
+    if wrong.any():
+        place = tuple(int(k) for k in np.argwhere(wrong)[0])
+        right = f"within {FARTHEST:g} m" if np.isfinite(array[place]) else "finite"
+        raise InputError(f"grid: {name}{list(place)} = {array[place]}: must be {right}")
     return array
 
 

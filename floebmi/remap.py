@@ -86,6 +86,6 @@ def interpolate(
     c = bare[0]
     raise InputError(
         f"{label}: {bare.size} of {int(grid.wet.sum())} wet cells have only land of the file around them,"
-        f" the first is cell {c} at x {grid.x[c]:.7g}, y {grid.y[c]:.7g} m: make them dry in the grid, or"
-        " take fill_land = 'nearest' or 'dry'"
+        f" the first is cell {c} at x {grid.x[c]:.7g}, y {grid.y[c]:.7g} m: make them dry, as the land of a"
+        " [coast] is, or take fill_land = 'nearest', the nearest water of the file, or 'dry', 0"
     )

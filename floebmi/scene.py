@@ -55,6 +55,7 @@ from floebmi.scenes import packaged
 from floebmi.tables import (
     Table,
     apply_override,
+    keyed,
     law_of,
     one_of,
     parse,
@@ -244,7 +245,7 @@ class Parts(Table):
     """A contact law in parts; a part that is left out is not modelled."""
 
     model: Literal["parts"] = "parts"
-    elastic: Elastic = Field(Elastic(), description="normal elasticity")
+    elastic: keyed(Elastic) = Field(Elastic(), description="normal elasticity")
     friction: (
         one_of(
             "law",
@@ -253,9 +254,9 @@ class Parts(Table):
         )
         | None
     ) = Field(None, description="friction, with rotation")
-    bonds: TensileStrength | None = Field(None, description="tensile strength")
-    dashpot: Restitution | None = Field(None, description="normal damping")
-    failure: CompressiveFailure | None = Field(
+    bonds: keyed(TensileStrength) | None = Field(None, description="tensile strength")
+    dashpot: keyed(Restitution) | None = Field(None, description="normal damping")
+    failure: keyed(CompressiveFailure) | None = Field(
         None, description="failure in compression, then sliding of floe over floe"
     )
 
@@ -461,7 +462,7 @@ class Scene(Table):
     seed: int = Field(
         0,
         ge=0,
-        description="of everything random; the same seed gives the same bits. Group k of floes, from 0, draws from the seed + k",
+        description="of everything random; the same seed gives the same bits. Each group of floes has random numbers of its own",
     )
     preset: Literal["damsgaard2018"] | None = Field(
         None, description="'damsgaard2018': time step, scheme and lever arms as the paper ran them"
@@ -486,8 +487,8 @@ class Scene(Table):
     atmosphere: Atmosphere | None = Field(None, description="wind drag")
     coriolis: CoriolisTable | None = Field(None, description="Coriolis acceleration")
     tilt: TiltTable | None = Field(None, description="sea-surface tilt")
-    body_force: BodyForce | None = Field(None, description="a uniform acceleration")
-    walls: list[Wall] = Field([], description="frictionless walls, [[walls]]")
+    body_force: keyed(BodyForce) | None = Field(None, description="a uniform acceleration")
+    walls: list[keyed(Wall)] = Field([], description="frictionless walls, [[walls]]")
     inflow: list[InflowTable] = Field([], description="edges where floes come in, [[inflow]]")
     step: StepTable = Field(StepTable(), description="how time is stepped")
     time: Time = Field(Time(), description="when and how long")
@@ -598,7 +599,7 @@ class Scene(Table):
         groups = []
         for k, group in enumerate(self.floes):
             with self._place_of_group(k):
-                groups.append(group.build(sea, self.seed + k))
+                groups.append(group.build(sea, _seed_of_group(self.seed, k)))
         floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
         with self.place(""):
             model = Model(
@@ -787,6 +788,13 @@ class Scene(Table):
             beyond_span=table.beyond_span,
             calendar=self.time.calendar,
         )
+
+
+def _seed_of_group(seed: int, k: int) -> int:
+    """What group k of floes, from 0, draws from: no other group's, nor that of any group of another scene's seed."""
+    if k == 0:
+        return seed
+    return int(np.random.SeedSequence(seed, spawn_key=(k,)).generate_state(1, np.uint64)[0])
 
 
 def _check_open(inflow: Inflow, domain: Domain, polygons: list[np.ndarray]) -> None:

@@ -29,4 +29,7 @@ POSITION = (
 FILE_PROJECTION = "plane of the file's own x and y, if it does not say or says it wrong"
 SELECT = "index along any other dimension, as {member = 3}"
 MASK = "its land-sea mask; 'none' takes missing values alone"
-FILL_LAND = "what a wet cell gets where the file has only land"
+FILL_LAND = (
+    "what a wet cell gets where the file has only land: an error, what the 'nearest' water has, or 'dry', 0 "
+    "(water or air at rest, no ice); the cell stays wet"
+)

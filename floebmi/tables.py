@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -27,6 +28,7 @@ from pydantic import (
     ValidationError,
     create_model,
 )
+from pydantic_core import PydanticCustomError
 
 from floebmi.errors import InputError, choose
 
@@ -83,6 +85,17 @@ def table_of(law: Callable[..., Any], key: str | None = None, word: str | None =
 
 def _required(default: Any) -> Any:
     return ... if default is inspect.Parameter.empty else default
+
+
+def keyed(law: Any) -> Any:
+    """The type of a law that stands as a table of its keys; a list does not say which number is which."""
+    return Annotated[law, BeforeValidator(_no_list)]
+
+
+def _no_list(value: Any) -> Any:
+    if isinstance(value, list):
+        raise PydanticCustomError("dict_type", "must be a table of keys")
+    return value
 
 
 def law_of(table: BaseModel, law: Callable[..., Any]) -> Any:

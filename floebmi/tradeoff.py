@@ -24,6 +24,7 @@ import numpy as np
 from floebmi import ensemble
 from floebmi.ensemble import Output
 from floebmi.errors import InputError
+from floebmi.files import contents
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
@@ -259,7 +260,7 @@ def tradeoff(
     error : that a recommended setting may have, relative to the reference
     of : the quantity whose error counts, one of `COMPARED`; default: transport where floes leave, drift where
         wind or water moves them, else velocity
-    seeds : number of seeds, 1, 2, …; as far apart as there are groups of floes that are drawn from them
+    seeds : number of seeds, 1, 2, …
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
     budget : minutes that all may take; the runs are made shorter to fit
     to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
@@ -305,20 +306,17 @@ def tradeoff(
     shared = {
         "scene": str(scene.file),
         "text": _hash(scene.text),
-        "files": {name: _as_it_is(scene.file.parent / name) for name in scene.paths()},
+        "files": files_of(scene),
         "overrides": overrides,
         "duration": schedule.duration,
         "exchange": schedule.exchange,
         "every": schedule.every,
     }
     members = to.with_name(f"{to.name}.members")
-    # group k draws from the seed + k: a group of one seed must not be another group of the next
-    drawn = [k for k, group in enumerate(scene.floes) if getattr(group, "seed", 0) is None]
-    apart = drawn[-1] - drawn[0] + 1 if drawn else 1
 
     def run(texts: Sequence[str]) -> ensemble.Ensemble:
         return ensemble.run(
-            member, shared, {"setting": texts}, range(1, 1 + seeds * apart, apart), members,
+            member, shared, {"setting": texts}, range(1, 1 + seeds), members,
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
 
@@ -334,6 +332,7 @@ def tradeoff(
         "floebmi_file": f"tradeoff {FILE_VERSION}",
         "title": f"speed against accuracy of the scene {scene.name}",
         "scene_hash": shared["text"],
+        "files": json.dumps(shared["files"]),
         "duration": schedule.duration,
         "comparison": why,
         "overrides": json.dumps(overrides),
@@ -342,10 +341,9 @@ def tradeoff(
     return Measured(data, to, why, done.failures)
 
 
-def _as_it_is(path: Path) -> str:
-    """Size and date of a file: of another one finished runs are not."""
-    told = path.stat()
-    return f"{told.st_size} bytes of {np.datetime64(told.st_mtime_ns, 'ns')}"
+def files_of(scene: Scene) -> dict[str, str]:
+    """What is in the files that a scene reads: where that is another, runs and results are another's."""
+    return {name: contents(scene.file.parent / name) for name in scene.paths()}
 
 
 def _affordable(
@@ -394,11 +392,11 @@ def _compare(
             f"of = {of!r}: is zero in this scene; must be one of {', '.join(quantities)}"
         )
     grown = {q: float(_pointwise(nudged[q], base[q]).max()) for q in quantities}
-    worst = max(grown, key=lambda q: grown[q])
+    worst = max(grown, key=lambda q: np.nan_to_num(grown[q]))
     chaotic = grown[worst] > SEES * error
     n = runs.sizes["seed"]
     # floes of a list, of a file or with a seed of their own are those of every seed, and so is then the whole run
-    same = all(bool((base[q] == base[q].isel(seed=0)).all()) for q in quantities)
+    same = all(_same_for_all_seeds(base[q]) for q in quantities)
     why = (
         f"a nudge of the floes by {NUDGE:g} of their radius changes {worst} by {grown[worst]:.1g}: "
         + (f"chaotic, so means over time and {n} seeds are compared" if chaotic else "quiet, so frames and cells are compared one by one")
@@ -427,6 +425,11 @@ def _compare(
     data["cost_per_day"].attrs = {"units": "s", "long_name": OUTPUTS["cost_per_day"].long_name}
     data.attrs = {"reference": fine, "of": of, "seeds": n}
     return data, why
+
+
+def _same_for_all_seeds(field: "xr.DataArray") -> bool:
+    values = field.transpose("seed", ...).values
+    return np.array_equal(values, np.broadcast_to(values[0], values.shape), equal_nan=True)
 
 
 def _pointwise(one: "xr.DataArray", other: "xr.DataArray") -> "xr.DataArray":
@@ -600,10 +603,20 @@ def _hash(text: str) -> str:
 
 
 def result(scene: Scene) -> "xr.Dataset | None":
-    """The result that is stored beside a scene; None if there is none for this text of it and these overrides."""
+    """The result that is stored beside a scene; None if there is none for its text, these overrides and its files as they are."""
     path = stored(scene)
     data = read(path) if path.exists() else None
-    return data if data is not None and data.attrs.get("scene_hash") == _hash(scene.text) else None
+    return data if data is not None and _is_of(data, scene) and not _changed(data, scene) else None
+
+
+def _is_of(data: "xr.Dataset", scene: Scene) -> bool:
+    return data.attrs.get("scene_hash") == _hash(scene.text)
+
+
+def _changed(data: "xr.Dataset", scene: Scene) -> list[str]:
+    """The files of a scene that are not what they were when a result was measured."""
+    then = json.loads(data.attrs.get("files", "{}"))
+    return [name for name, now in files_of(scene).items() if then.get(name) != now]
 
 
 def read(path: Path) -> "xr.Dataset":
@@ -626,21 +639,32 @@ def chosen(scene: Scene, accuracy: float) -> str:
     Raises
     ------
     InputError
-        if there is no result beside the scene, it is of another text of the scene or of other overrides, or
-        nothing is so accurate.
+        if there is no result beside the scene, it is of another text of the scene, of other overrides or of files that
+        have changed since, or nothing is so accurate.
     """
     path, data = stored(scene), result(scene)
-    make = f"floebmi tradeoff {scene.file} --to {path} makes it"
+    make = f"floebmi tradeoff {scene.file} --to {path}"
     if not path.exists():
-        raise InputError(f"--accuracy: there is no {path.name} beside {scene.file}; {make}")
+        raise InputError(
+            f"--accuracy: there is no {path.name} beside {scene.file}; {make} makes it"
+        )
     if data is None:
-        overrides = json.loads(read(path).attrs.get("overrides", "[]"))
-        if overrides and result(read_scene(scene.file, overrides)) is not None:
-            same = " ".join(f"--set {shlex.quote(override)}" for override in overrides)
+        other = read(path)
+        overrides = json.loads(other.attrs.get("overrides", "[]"))
+        same = "".join(f" --set {shlex.quote(override)}" for override in overrides)
+        own = read_scene(scene.file, overrides)
+        if _is_of(other, own) and _changed(other, own):
+            changed = ", ".join(_changed(other, own))
             raise InputError(
-                f"{path}: was measured with {same}: give these too and first, or {make} anew"
+                f"{path}: {changed} changed since it was measured; {make}{same} makes it anew"
             )
-        raise InputError(f"{path}: was measured for another text of {scene.file}; {make} anew")
+        if _is_of(other, own) and overrides:
+            raise InputError(
+                f"{path}: was measured with{same}: give these too and first, or {make} makes it anew"
+            )
+        raise InputError(
+            f"{path}: was measured for another text of {scene.file}; {make} makes it anew"
+        )
     setting = recommended(data, accuracy)
     if setting is None:
         least = float(data.error.sel(quantity=data.attrs["of"]).where(data.error > 0).min())

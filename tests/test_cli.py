@@ -1,5 +1,6 @@
 """The command line: what it prints, what it leaves, and how it refuses."""
 
+import json
 import os
 import shlex
 import signal
@@ -11,8 +12,9 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 
-from floebmi import __version__, running
+from floebmi import Floes, Model, __version__, read_scene, running
 from floebmi.cli import floebmi
+from floebmi.explain import notes
 from floebmi.output import load_restart
 from floebmi.scenes import packaged
 
@@ -25,6 +27,10 @@ def cli(tmp_path, monkeypatch):
         return CliRunner().invoke(floebmi, [str(arg) for arg in args], prog_name="floebmi")
 
     return call
+
+
+def land(path, ring):
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
 
 
 def fast(*more):
@@ -447,6 +453,30 @@ def test_a_coast_that_stops_no_floe_is_noted(cli):
     assert note not in cli("explain", "labrador-sea").stdout
 
 
+def test_floes_over_dry_cells_are_noted(cli, tmp_path):
+    """They had no drag, in silence: floes of a list behind a shore, and where no coast lines the dry cells."""
+    land(tmp_path / "land.geojson", [[0, 0], [600, 0], [600, 1000], [0, 1000], [0, 0]])
+    (tmp_path / "scene.toml").write_text(
+        "contact = 'frictional'\n[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nspacing = 100\n"
+        "[coast]\ngeojson = 'land.geojson'\nradius = 20\n[ocean]\nvelocity = [0.1, 0]\n"
+        "[floes]\narrangement = 'list'\neach = [{x = X, y = 500, radius = 10}, {x = 800, y = 500, radius = 10}]\n"
+        "[time]\nduration = 60\n".replace("X", "300")
+    )
+    note = "note: a floe over dry cells alone has no ocean drag (1 of 2 floes now)\n"
+    assert note in cli("explain", "scene.toml").stdout and note in cli("run", "scene.toml").stdout
+    beside = "--set", "floes.each.1.x=700"
+    assert "dry cells" not in cli("explain", "scene.toml", *beside).stdout
+    scene = read_scene("scene.toml")
+    model = scene.build().model
+    lined = ~model.floes.land
+    floes = Floes(*(getattr(model.floes, n)[lined] for n in ("x", "y", "radius", "thickness")))
+    bare = Model(model.domain, floes, forces=model.forces, grid=model.grid)
+    [line] = [line for line in notes(bare) if "dry cells" in line]
+    assert line.endswith("(1 of 2 floes now); no [coast] keeps floes off them")
+    bare.floes.x[0] = 700.0
+    assert any("(0 of 2 floes now); no [coast]" in line for line in notes(bare))
+
+
 @pytest.mark.parametrize("edges, share", [("inactive", "50"), ("periodic", "25"), ("periodic", "")])
 def test_a_grid_that_leaves_a_part_of_the_domain_out_is_told_of(cli, tmp_path, edges, share):
     """Floes there had no drag, and were in no field, in silence: a grid that lies askew never covers a rectangle."""
@@ -458,6 +488,25 @@ def test_a_grid_that_leaves_a_part_of_the_domain_out_is_told_of(cli, tmp_path, e
     told = "% of the domain lies outside the cells of the ocean: floes have no ocean drag there"
     notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
     assert (f"about {share} {told}" in notes) if share else (told not in notes)
+
+
+@pytest.mark.parametrize(
+    ("more", "times"),
+    [
+        ("", 1),
+        ("[coast]\ngeojson = 'land.geojson'\nradius = 20\n", 1),  # wind blows over land, too
+        ("[atmosphere.grid]\nshape = [4, 3]\nx = [0, 500]\n", 2),
+    ],
+)
+def test_ocean_and_air_on_one_grid_are_noted_once(cli, tmp_path, more, times):
+    land(tmp_path / "land.geojson", [[0, 0], [300, 0], [300, 1000], [0, 1000], [0, 0]])
+    (tmp_path / "scene.toml").write_text(
+        "contact = 'cohesive'\n[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nshape = [4, 3]\nx = [-250, 500]\n"
+        "[ocean]\nvelocity = [0.1, 0]\n[atmosphere]\nvelocity = [5, 0]\n" + more
+    )
+    notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
+    both = "outside the cells of the ocean and the air: floes have no ocean or air drag there"
+    assert notes.count("outside the cells") == times and (both in notes) == (times == 1)
 
 
 @pytest.mark.parametrize("name", packaged())

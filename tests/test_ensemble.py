@@ -51,6 +51,10 @@ def wary(p, seed):
     return {"sum": np.array(p["a"] + seed)}
 
 
+def wary_of_two(p, seed):
+    return wary(p, seed) if p["a"] == 2.0 and seed == 1 else moody(p, seed)
+
+
 def tell_threads(p, seed):
     time.sleep(0.2)
     return {
@@ -124,6 +128,19 @@ def test_a_member_that_fails_is_told_in_one_line_and_the_others_go_on(tmp_path, 
     data = ensemble.gather(done, {"sum": OUTPUTS["sum"]})
     assert np.isnan(data["sum"].sel(a=2.0, seed=1))
     assert np.isfinite(data["sum"]).sum() == 3
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_warning_that_is_an_error_fails_its_member_alone(tmp_path, capsys, jobs):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # as python -W error does
+        done = ensemble.run(wary_of_two, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=jobs)
+    assert [str(one) for one in done.failures] == ["a=2,seed=1: UserWarning: thin ice"]
+    assert len(done.members) == 3
+    assert capsys.readouterr().err == f"member failed: {done.failures[0]}\n"
+    with pytest.warns(UserWarning, match="thin ice"):
+        again = ensemble.run(wary_of_two, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=1)
+    assert len(again.members) == 4
 
 
 def test_what_members_in_processes_warn_of_is_told_once_and_here(tmp_path, capfd):

@@ -14,6 +14,7 @@ from floebmi.fields import open_files
 from floebmi.forcing import Constant, Function, VelocityFile
 from floebmi.grid import Grid
 from floebmi.projection import east_in_plane, to_lonlat, to_plane
+from floebmi.scene import read_scene
 
 POLAR = "+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +datum=WGS84"
 REAL = Path(__file__).parents[2] / "shared" / "data"
@@ -561,6 +562,31 @@ def test_wind_blows_over_land_unless_a_mask_is_named():
     assert velocity(VelocityFile(data, square(), kind="wind"), square())[0][0] == 5
     with pytest.raises(InputError, match="only land"):
         VelocityFile(data, square(), kind="wind", mask="mask")
+
+
+@pytest.mark.parametrize("land", ["nan", "fill value", "mask"])
+def test_a_scene_whose_wet_cells_are_land_in_its_file_is_refused_in_a_line(tmp_path, land):
+    gone = np.arange(11.0) > 5
+    mask = {"mask": (("y", "x"), np.tile(~gone, (11, 1)).astype("i1"))} if land == "mask" else {}
+    value = 0.1 if land == "mask" else np.nan
+    data = metres(lambda x, y: np.where(x > 5, value, 0.1), 0.1, **mask)
+    for name in ("uo", "vo") if land == "fill value" else ():
+        data[name].encoding = {"_FillValue": -999.0}
+    saved(data, tmp_path)
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        "[domain]\nx = [0, 10]\ny = [0, 10]\n[grid]\nspacing = 2\n[ocean]\nfile = 'currents.nc'\n"
+    )
+    with pytest.raises(InputError) as told:
+        read_scene(path).build()
+    assert str(told.value) == (
+        f"{path}: [ocean] currents.nc: uo, vo: 10 of 25 wet cells have only land of the file around them, the first is"
+        " cell 3 at x 7, y 1 m: make them dry, as the land of a [coast] is, or take fill_land = 'nearest', the nearest"
+        " water of the file, or 'dry', 0"
+    )
+    at_rest = read_scene(path, ["ocean.fill_land=dry"]).build()
+    u, _ = velocity(at_rest.ocean, at_rest.model.grid)
+    assert (u[at_rest.model.grid.x > 6] == 0).all() and at_rest.model.grid.wet.all()
 
 
 def test_a_wet_cell_on_the_files_land_is_an_error_unless_told_what_it_gets():

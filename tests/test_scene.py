@@ -10,10 +10,11 @@ from floebmi.contact import Coulomb, Damsgaard2018Coulomb
 from floebmi.dynamics import Step
 from floebmi.floes import DRIVEN, FIXED
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
-from floebmi.packing import IceNotPlaced
+from floebmi.packing import IceNotPlaced, scatter
 from floebmi.scene import Scene, copy_scene
 from floebmi.scene_floes import Sea
 from floebmi.scenes import packaged
+from floebmi.sizes import UniformSize
 from floebmi.tables import keys
 
 TWO = """
@@ -331,6 +332,56 @@ velocity = [0.5, 0]
     other = read_scene(path, ["seed=6"]).build().model.floes
     np.testing.assert_array_equal(floes.x, again.x)
     assert len(other) != len(floes) or not np.array_equal(floes.x, other.x)
+
+
+def test_no_group_of_a_seed_has_the_floes_of_another_group_or_seed(write):
+    group = 'size = { distribution = "uniform", radius_min = 5, radius_max = 20 }\ncount = 20\n'
+    path = write(
+        "[domain]\nx = [0, 1000]\ny = [0, 1000]\n"
+        + "".join(f"[[floes]]\n{group}x = [{100 * k}, {100 * (k + 1)}]\n" for k in range(3))
+    )
+    drawn = []
+    for seed in range(3):
+        floes = read_scene(path, [f"seed={seed}"]).build().model.floes
+        drawn += [tuple(np.sort(floes.radius[floes.x // 100 == k])) for k in range(3)]
+    assert all(len(radii) == 20 for radii in drawn) and len(set(drawn)) == 9
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("domain.x=[0, 1e300]", "[domain] domain.x = (0.0, 1e+300): must be within 1e+09 m"),
+        ("domain.y=[-1e10, 9]", "[domain] domain.y = (-10000000000.0, 9.0): must be within 1e+09"),
+        ("grid={shape=[2,2], x=[0, 1e300]}", "grid: x = (0.0, 1e+300): must be within 1e+09 m"),
+        (
+            "grid={kind='rectilinear', x_edges=[0, 1e300], y_edges=[0, 1]}",
+            "[grid] grid: x_edges[1] = 1e+300: must be within 1e+09 m",
+        ),
+    ],
+)
+def test_a_domain_and_a_grid_lie_within_what_numbers_tell_apart(two, change, said):
+    assert said in refused(two, change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["body_force=[0, 1e-3]", "walls=[['north', 100]]"]
+    + [f"contact={{model='parts', {part}}}" for part in (
+        "elastic=[1e7]", "elastic=[]", "bonds=[1e5]", "dashpot=[0.3]", "failure=[1e6]")],
+)  # fmt: skip
+def test_a_list_in_the_place_of_a_table_is_refused(two, change):
+    """It was taken in the order of the keys, which nothing tells."""
+    assert refused(two, change) == f"--set {change}: must be a table of keys"
+
+
+def test_the_first_group_draws_from_the_seed_itself(write):
+    path = write(
+        "seed = 4\n[domain]\nx = [0, 1000]\ny = [0, 1000]\n"
+        '[floes]\nsize = { distribution = "uniform", radius_min = 5, radius_max = 20 }\ncount = 20\n'
+    )
+    built = read_scene(path).build().model
+    alone = scatter(built.domain, UniformSize(5.0, 20.0), count=20, seed=4)
+    np.testing.assert_array_equal(built.floes.x, alone.x)
 
 
 def test_floes_of_the_labrador_sea_have_the_area_of_its_file_and_two_per_cent_less_volume():

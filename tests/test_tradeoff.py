@@ -103,6 +103,37 @@ def test_a_result_of_another_text_of_the_scene_is_refused(tmp_path):
     assert tradeoff.result(scene) is None
 
 
+@pytest.mark.parametrize("by_hand", [[], ["step.fraction=0.2"]])
+def test_a_result_of_files_that_have_changed_since_is_refused(tmp_path, by_hand):
+    floes = tmp_path / "floes.csv"
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.5\n175,158,15,1,0\n")
+    path = scene_file(tmp_path, SCENE.replace(PACK, 'arrangement = "file"\nfile = "floes.csv"\n'))
+    scene = read_scene(path, by_hand)
+    data = numbers([0.01, 0.02, 0.0]).assign_coords(setting=["step.fraction=0.7", "", "fine"])
+    data.attrs |= MARK | {
+        "scene_hash": tradeoff._hash(scene.text),
+        "files": json.dumps(tradeoff.files_of(scene)),
+        "overrides": json.dumps(by_hand),
+    }
+    data.to_netcdf(tradeoff.stored(scene))
+    options = [word for change in by_hand for word in ("--set", change)]
+    run = ["run", str(path), *options, "--accuracy", "0.1", "--duration", "15"]
+    told = CliRunner().invoke(command, [*run, "--to", str(tmp_path / "out")])
+    assert told.exit_code == 0 and "accuracy 0.1: --set step.fraction=0.7" in told.output
+    floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.05\n175,158,15,1,0\n")
+    told = CliRunner().invoke(command, [*run, "--to", str(tmp_path / "other")], prog_name="floebmi")
+    assert told.exit_code == 2 and told.stderr.count("\n") == 1
+    anew = " ".join(["--to", str(tradeoff.stored(scene)), *options, "makes it anew"])
+    assert "pack.tradeoff.nc: floes.csv changed since it was measured" in told.stderr
+    assert anew in told.stderr
+    assert tradeoff.result(scene) is None
+
+
+def test_packaged_results_are_of_the_packaged_scenes_and_their_files():
+    for name in ("labrador-sea", "periodic-box", "shear-cell", "strait", "two-floes"):
+        assert tradeoff.result(read_scene(name)) is not None, name
+
+
 def test_a_damaged_result_and_a_file_that_is_none_are_refused_in_one_line(tmp_path):
     path = scene_file(tmp_path, QUIET)
     result = tradeoff.stored(read_scene(path))
@@ -183,23 +214,6 @@ def test_runs_that_are_all_the_same_do_not_tell_how_well_an_error_is_known(
     assert np.isnan(made.data.noise).all() and "±" not in tradeoff.table(made.data)
 
 
-@pytest.mark.parametrize(("own", "apart"), [("", 2), ("seed = 1\n", 1)])
-def test_no_group_of_one_seed_is_another_group_of_the_next(tmp_path, monkeypatch, own, apart):
-    path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own, 1))
-    west = read_scene(path, [f"seed={1 + apart}"]).build().model.floes
-    east = read_scene(path, ["seed=1"]).build().model.floes
-    drawn = west.radius[west.x < 200], east.radius[east.x > 200]
-    assert not np.array_equal(*(np.sort(radius) for radius in drawn))
-
-    def seen(member, shared, sweep, seeds, folder, **how):
-        raise InputError(str(list(seeds)))
-
-    monkeypatch.setattr(tradeoff.ensemble, "run", seen)
-    with pytest.raises(InputError) as told:
-        tradeoff.tradeoff(path, seeds=3, to=tmp_path / "t.nc")
-    assert str(told.value) == str([1, 1 + apart, 1 + 2 * apart])
-
-
 def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
     data = xr.Dataset(
         {
@@ -211,6 +225,29 @@ def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
         attrs={"of": "drift", "reference": "fine"},
     )
     return data
+
+
+@pytest.mark.parametrize("shift, same", [(0.0, True), (1.0, False)])
+def test_runs_with_no_number_in_the_same_cells_may_be_the_same(shift, same):
+    """A field may have no number in a cell or more; the seeds may change nothing all the same."""
+
+    def run(setting, seed):
+        fields = {q: np.ones((2, 2)) for q in tradeoff.COMPARED}
+        fields["transport"][:, 0] = np.nan
+        fields["drift"] += (setting == "fine nudged") + shift * seed
+        return {"time": np.arange(2.0), **fields} | {
+            name: np.array(1.0) for name, of in tradeoff.OUTPUTS.items() if not of.dims
+        }
+
+    settings = ("fine", "fine nudged", "")
+    members = {(s, k): run(setting, k) for s, setting in enumerate(settings) for k in range(2)}
+    two = {name: ("frame", "cell") for name in tradeoff.COMPARED}
+    outputs = {n: of._replace(dims=two.get(n, of.dims)) for n, of in tradeoff.OUTPUTS.items()}
+    done = tradeoff.ensemble.Ensemble({}, {"setting": settings}, (1, 2), members, [])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tradeoff, "OUTPUTS", outputs)
+        _, why = tradeoff._compare(done, "fine", 0.05, "drift", ())
+    assert "changes drift by" in why and ("the seed changes nothing" in why) == same
 
 
 def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_reference():
@@ -261,6 +298,22 @@ def test_runs_of_files_that_have_changed_since_are_refused(tmp_path, few_dials):
     floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.05\n175,158,15,1,0\n")
     with pytest.raises(InputError, match=r"members of another ensemble \(files = .*floes.csv"):
         tradeoff.tradeoff(path, **how)
+
+
+def test_a_folder_of_forcing_is_another_one_if_a_file_deep_in_it_is(tmp_path):
+    """As a Zarr store is, whose own date stays when numbers in it change."""
+    chunk = tmp_path / "wind.zarr" / "u10" / "c" / "0"
+    chunk.parent.mkdir(parents=True)
+    chunk.write_bytes(b"1.0")
+    scene = read_scene(scene_file(tmp_path, QUIET + '[atmosphere]\nfile = "wind.zarr"\n'))
+    first = tradeoff.files_of(scene)
+    assert list(first) == ["wind.zarr"]
+    chunk.write_bytes(b"2.0")
+    assert tradeoff.files_of(scene) != first
+    chunk.write_bytes(b"1.0")
+    assert tradeoff.files_of(scene) == first  # the same wind, of another date
+    chunk.rename(chunk.with_name("1"))
+    assert tradeoff.files_of(scene) != first
 
 
 def test_only_a_result_is_replaced_by_a_result(tmp_path):
