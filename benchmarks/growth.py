@@ -82,8 +82,11 @@ def arrays_of(thing: object, seen: dict[int, np.ndarray]) -> dict[int, np.ndarra
             arrays_of(part, seen)
     elif isinstance(thing, dict):
         arrays_of(list(thing.values()), seen)
-    elif hasattr(thing, "__dict__") and type(thing).__module__.startswith("floebmi"):
-        arrays_of(list(vars(thing).values()), seen)
+    elif type(thing).__module__.startswith("floebmi"):
+        named = getattr(thing, "__slots__", None) or getattr(
+            thing, "__dict__", ()
+        )  # floes have slots
+        arrays_of([getattr(thing, name) for name in named], seen)
     return seen
 
 
