@@ -13,6 +13,7 @@ from coupling.units import in_seconds
 from floebmi.errors import InputError
 from floebmi.grid import Grid
 
+PART = 250_000  # values that a message of gRPC has room for, 4 MiB, with their indices
 SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
 
 
@@ -43,6 +44,12 @@ def first_line(error: Exception) -> str:
     return text.splitlines()[0]
 
 
+def is_too_long(error: Exception) -> bool:
+    """Whether gRPC refused a message for its length."""
+    code = getattr(error, "code", None)
+    return callable(code) and getattr(code(), "name", "") == "RESOURCE_EXHAUSTED"
+
+
 class Side:
     """One of the two models, asked through BMI only; what it says is checked."""
 
@@ -52,6 +59,7 @@ class Side:
         self.name, self.model = name, model
         self._units, self._given = units, grids
         self._grids: dict[tuple[int, str], tuple[Grid, str, str]] = {}
+        self._longest = np.inf  # number of values that may be set at once
         with in_one_line(f"couple: the {name}"):
             self.inputs = tuple(model.get_input_var_names())
             self.outputs = tuple(model.get_output_var_names())
@@ -104,7 +112,17 @@ class Side:
 
     def set(self, name: str, values: np.ndarray) -> np.ndarray:
         given = values.astype(self.model.get_var_type(name))
-        self.model.set_value(name, given)
+        if given.size <= self._longest:
+            try:
+                self.model.set_value(name, given)
+                return given.astype(np.float64)
+            except Exception as error:
+                if not (given.size > PART and is_too_long(error)):
+                    raise
+                self._longest = PART
+        for first in range(0, given.size, PART):
+            part = np.arange(first, min(first + PART, given.size))
+            self.model.set_value_at_indices(name, part, given[part])
         return given.astype(np.float64)
 
     def pair(self, template: str) -> np.ndarray:

@@ -1113,6 +1113,39 @@ def served(name, timeout=20.0):
         server.wait(10)
 
 
+class TooLong(Exception):
+    """As gRPC says it."""
+
+    def code(self):
+        return SimpleNamespace(name="RESOURCE_EXHAUSTED")
+
+
+def test_arrays_longer_than_a_message_are_set_in_parts(ocean, monkeypatch):
+    class Narrow(Ice):
+        """Takes no more than eight values at a time."""
+
+        def set_value(self, name, values):
+            if values.size > 8:
+                raise TooLong("Received message larger than max")
+            super().set_value(name, values)
+
+        def set_value_at_indices(self, name, indices, values):
+            if values.size > 8:
+                raise TooLong("Received message larger than max")
+            self.values[name][indices] = values
+
+    monkeypatch.setattr("coupling.side.PART", 8)
+    grid = hexagons()
+    assert grid.size > 16 and grid.size % 8  # several parts, the last one shorter
+    whole, cut = Ice(grid), Narrow(grid)
+    for ice in (whole, cut):
+        couple(ocean(), ice, every=600.0, until=1800.0)
+    np.testing.assert_array_equal(cut.velocity, whole.velocity)
+    monkeypatch.setattr("coupling.side.PART", 10**6)  # what a message has room for is not cut
+    with pytest.raises(CouplingError, match="larger than max"):
+        couple(ocean(), Narrow(grid), every=600.0, until=1800.0)
+
+
 @pytest.mark.skipif(importlib.util.find_spec("grpc4bmi") is None, reason="needs grpc4bmi")
 def test_a_host_in_another_process_gives_the_same_bits_and_may_die(ocean, tmp_path):
     here, ice = ocean(), Ice(hexagons())
