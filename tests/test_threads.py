@@ -125,6 +125,18 @@ def test_a_pair_is_touched_when_the_later_of_its_floes_has_moved(monkeypatch):
     assert (np.diff(tile) >= 0).all()
 
 
+def test_coast_is_the_last_of_its_tile_and_nothing_changes_places_with_another_tile(monkeypatch):
+    monkeypatch.setattr(tiles, "TILE", 128)
+    land = np.random.default_rng(1).random(700) < 0.3
+    order, (bounds, _) = tiles.coast_last(land), tiles.cut(700)
+    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+        here = order[begin:end]
+        pieces = np.count_nonzero(land[begin:end])
+        ice, coast = here[: len(here) - pieces], here[len(here) - pieces :]
+        assert not land[ice].any() and (np.diff(ice) > 0).all()
+        assert land[coast].all() and np.array_equal(np.sort(here), np.arange(begin, end))
+
+
 @pytest.mark.parametrize("number", [0, 1.5, "two"])
 def test_a_number_of_threads_that_is_none_is_refused(number):
     with pytest.raises(InputError, match="threads = .*: must be a whole number, at least 1"):
