@@ -389,9 +389,13 @@ def test_a_blow_does_its_work_on_both_floes_half_a_step_ahead(normal, along, hel
         inverse, law, period, period, floes.r, floes, pair_i, pair_j, 1, 4, blows, 0, buffer
     )
     before, lost, momentum = energy(), np.zeros(5), (floes.u / inverse.x).sum()
+    spins = floes.omega.copy()
     strike_floes(law, floes.r, inverse, floes, floes, blows, noted, dt, force, np.zeros(3), lost)
     assert noted == 1 and energy() - before == pytest.approx(sum(work))
     assert (floes.u / inverse.x).sum() == pytest.approx(momentum) and not lost.any()
+    turned = (floes.omega - spins) / inverse.spin
+    assert turned[0] * a_j == pytest.approx(turned[1] * a_i) and (along == 0.0 or turned[0] != 0.0)
+    assert not any(floes[name][2:].any() for name in ("u", "v", "omega"))
     buffer[BLOW_N + 1] *= -1e3  # more than there is to take
     buffer[BLOW_T + 1] *= -1e3
     note_blows(inverse, law, period, period, floes.r, floes, pair_i, pair_j, 1, 4, blows, 0, buffer)

@@ -106,7 +106,15 @@ def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_c
 
 
 def test_tiles_are_whole_blocks_that_fit_the_cache_and_small_packs_are_one():
-    for n, count in ((1, 1), (5_000, 1), (40_000, 1), (50_000, 2), (123_457, 4), (10**6, 8)):
+    for n, count in (
+        (1, 1),
+        (5_000, 1),
+        (40_000, 1),
+        (50_000, 2),
+        (80_000, 2),
+        (123_457, 4),
+        (10**6, 8),
+    ):
         bounds, chunks = tiles.cut(n)
         assert bounds[0] == 0 and bounds[-1] == n and len(chunks) - 1 == count
         assert (bounds[:-1] % BLOCK == 0).all() and np.diff(bounds).max() < 1.5 * tiles.TILE
