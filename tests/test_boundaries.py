@@ -1,17 +1,21 @@
 """Edges, walls, inflow; and that mass and momentum are booked on each of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls
 from floebmi.contact import Contact, Elastic, Restitution, frictional
-from floebmi.dynamics import Step
+from floebmi.dynamics import WALL, Step, strike_wall
 from floebmi.errors import InputError, StabilityError
 from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
+from floebmi.pack import FORCE, MOVING
+from floebmi.pairs import Inverse
 from floebmi.sizes import Empirical, PowerLaw, SingleSize, UniformSize
 
 
@@ -553,3 +557,43 @@ def test_floes_that_would_come_in_on_a_wall_or_behind_it_are_refused(wall):
         InputError, match="inflow.edge = 'west': floes come in at 0 m, and the wall"
     ):
         scene(**wall)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_blow_of_a_wall_does_its_work_on_floe_and_wall_half_a_step_ahead(axis, side, held):
+    """The floe has another mass along the other axis, which no floe has, so that one is not taken for the other."""
+    floes, forces, walls = (
+        np.zeros(1, kind).view(np.recarray) for kind in (MOVING, FORCE, WALL)
+    )  # fmt: skip
+    speed, force = ("u", "v")[axis], ("x", "y")[axis]
+    inverse_mass, rate = 0.0 if held else 0.25, -0.7
+    wall, floe = walls[0], floes[0]
+    wall.axis, wall.side, wall.speed, wall.inverse_mass = axis, side, 0.3, 0.1
+    wall.force, wall.press, floe[speed] = -side * 3.0, 50.0, 0.3 + side * rate
+    forces[0][force], forces[0]["yx"[axis]] = side * 5.0, 90.0
+    both = [np.full(1, 0.9), np.full(1, 0.9)]
+    both[axis][0] = inverse_mass
+    dt, work, taken = 0.2, 0.4, np.zeros(3)
+
+    def energy():
+        """Where that is not infinite; of a held floe what it is changed by."""
+        ahead = wall.speed + 0.5 * dt * 0.1 * wall.force
+        of_wall = 0.5 * ahead**2 / 0.1
+        if held:
+            return of_wall - taken[2]
+        return of_wall + 0.5 * (floe[speed] + 0.5 * dt * 0.25 * forces[0][force]) ** 2 / 0.25
+
+    before, was, before_wall = energy(), floe[speed], 0.5 * wall.speed**2 / 0.1
+    blow = SimpleNamespace(blow_n=work / rate)
+    law = Contact()
+    strike_wall(Inverse(True, *both, None), law, floes, forces, 0, wall, axis == 0, blow, rate, dt, taken)  # fmt: skip
+    assert energy() - before == pytest.approx(work)
+    assert (wall.speed - 0.3) / 0.1 == pytest.approx(-wall.impulse)
+    assert wall.work == pytest.approx(before_wall - 0.5 * wall.speed**2 / 0.1)
+    if held:
+        assert floe[speed] == was and taken[axis] == -wall.impulse
+    else:
+        assert (floe[speed] - was) / 0.25 == pytest.approx(wall.impulse)
+    assert floe["vu"[axis]] == 0.0 and taken[1 - axis] == 0.0

@@ -5,6 +5,7 @@ import pytest
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain
+from floebmi.columns import BLOW_N, BLOW_T, PAIR_BUFFER, gather
 from floebmi.contact import (
     Contact,
     Coulomb,
@@ -24,9 +25,9 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import MOVING, SPINNING, PairList, look
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, PairList, look
 from floebmi.packing import relax
-from floebmi.pairs import near_of, remembering
+from floebmi.pairs import BLOW, FRICTION, Inverse, near_of, note_blows, remembering, strike_floes
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
@@ -338,3 +339,69 @@ def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes(law, 
     moving = np.array([now.force["x"], now.force["y"]])
     assert len(contacts.i) > 2 and np.abs(moving).max() > 1e3
     assert net[:, now.number] == pytest.approx(moving, abs=1e-9 * np.abs(moving).max())
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("normal, along", [(0.4, 0.0), (0.0, 0.3)])
+def test_a_blow_does_its_work_on_both_floes_half_a_step_ahead(normal, along, held):
+    """Across a seam, with spins; and with inverse masses that differ by axis, as where an axis is held."""
+    law, period, dt = frictional(), 100.0, 0.2
+    floes, force = (np.zeros(4, kind).view(np.recarray) for kind in (SPINNING, FORCE_AND_TORQUE))
+    floes.x, floes.y, floes.r = (
+        [98.0, 12.1, 50.0, 69.9],
+        [97.0, 2.9, 50.0, 50.0],
+        [10.0, 5.0, 10.0, 10.0],
+    )
+    floes.u, floes.v = [0.3, -0.2, 0.0, 0.0], [0.1, 0.4, 0.0, 0.0]
+    floes.omega, floes.w = [0.05, 0.02, 0.0, 0.0], [0.25, 0.5, 1.0, 1.0]
+    force.x, force.y, force.torque = (
+        [3.0, -2.0, 0.0, 0.0],
+        [1.0, 4.0, 0.0, 0.0],
+        [5.0, 7.0, 0.0, 0.0],
+    )
+    other_axis = [0.35, 0.2, 1.0, 1.0] if held else floes.w
+    inverse = Inverse(held, floes.w.copy(), np.array(other_axis), np.array([0.02, 0.08, 1.0, 1.0]))
+    pair_i, pair_j = np.array([2, 2, 0, 2, 2]), np.array([3, 3, 1, 3, 3])  # the second of four
+    buffer, blows = np.zeros(PAIR_BUFFER), np.zeros(4, BLOW).view(np.recarray)
+    gather(floes, pair_i, pair_j, 1, buffer, 0)
+    dx, dy = floes.x[1] + period - floes.x[0], floes.y[1] + period - floes.y[0]
+    distance = np.hypot(dx, dy)
+    nx, ny = dx / distance, dy / distance
+    a_i, a_j = (
+        lever_arm(law.friction, *radii, distance - 15.0) for radii in ((10.0, 5.0), (5.0, 10.0))
+    )
+    du, dv = floes.u[1] - floes.u[0], floes.v[1] - floes.v[0]
+    slip_rate = du * ny - dv * nx + a_i * floes.omega[0] + a_j * floes.omega[1]
+    opening = du * nx + dv * ny
+    work = (normal, along)
+    buffer[BLOW_N + 1], buffer[BLOW_T + 1] = normal / opening, along / slip_rate
+
+    def energy():
+        ahead = zip(
+            (floes.u, floes.v, floes.omega),
+            (force.x, force.y, force.torque),
+            inverse[1:],
+            strict=True,
+        )
+        return sum(((v + 0.5 * dt * w * f) ** 2 / w).sum() / 2 for v, f, w in ahead)
+
+    noted = note_blows(
+        inverse, law, period, period, floes.r, floes, pair_i, pair_j, 1, 4, blows, 0, buffer
+    )
+    before, lost, momentum = energy(), np.zeros(5), (floes.u / inverse.x).sum()
+    spins = floes.omega.copy()
+    strike_floes(law, floes.r, inverse, floes, floes, blows, noted, dt, force, np.zeros(3), lost)
+    assert noted == 1 and energy() - before == pytest.approx(sum(work))
+    assert (floes.u / inverse.x).sum() == pytest.approx(momentum) and not lost.any()
+    turned = (floes.omega - spins) / inverse.spin
+    assert turned[0] * a_j == pytest.approx(turned[1] * a_i) and (along == 0.0 or turned[0] != 0.0)
+    assert not any(floes[name][2:].any() for name in ("u", "v", "omega"))
+    buffer[BLOW_N + 1] *= -1e3  # more than there is to take
+    buffer[BLOW_T + 1] *= -1e3
+    note_blows(inverse, law, period, period, floes.r, floes, pair_i, pair_j, 1, 4, blows, 0, buffer)
+    before, rates = (
+        energy(),
+        (blows[0].normal * blows[0].opening, blows[0].tangential * blows[0].slip_rate),
+    )
+    strike_floes(law, floes.r, inverse, floes, floes, blows, 1, dt, force, np.zeros(3), lost)
+    assert lost[FRICTION] < 0.0 and energy() - before + lost[FRICTION] == pytest.approx(sum(rates))

@@ -1,5 +1,7 @@
 """Steps: the reference numbers, orders of convergence, stability, conservation."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,14 +9,15 @@ from floebmi import advance
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, frictional
-from floebmi.dynamics import Step
+from floebmi.dynamics import Marked, Step, strayed, time_left_to_push, time_to_push
 from floebmi.errors import InputError, StabilityError
 from floebmi.floes import FIXED, FIXED_Y, Floes
 from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag
 from floebmi.model import Model
-from floebmi.pack import stable_step
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, stable_step
 from floebmi.packing import relax, scatter
 from floebmi.sizes import UniformSize
+from floebmi.taylor import hold_taylor_spin, taylor_spin
 
 DOMAIN = Domain((-500.0, 500.0), (-500.0, 500.0))
 PAPER = Step("taylor3", epsilon=0.07)
@@ -433,3 +436,51 @@ def test_fast_floes_on_a_short_list_meet_as_they_do_on_the_whole_list(monkeypatc
     assert few < 0.8 * many
     # to round-off: which pairs are computed side by side differs
     np.testing.assert_allclose(short, whole, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("steps, left", [(8, 1.0), (9, 0.0), (11, 0.5)])
+def test_seldom_forces_act_for_all_of_the_time_and_not_beyond_its_end(steps, left):
+    lag = np.zeros(2)
+    pushed = [time_to_push(lag, 4, 0.5, (steps - k) * 0.5) for k in range(steps)]
+    assert pushed[:5] == [1.0, 0.0, 0.0, 0.0, 2.0]
+    assert time_left_to_push(lag, False) == 0.0
+    assert time_left_to_push(lag, True) == left and not lag.any()
+    assert sum(pushed) + left == 0.5 * steps
+
+
+def uncompiled(kernel):
+    return getattr(kernel, "py_func", kernel)
+
+
+def test_how_far_floes_have_strayed_is_half_of_how_much_nearer_two_may_be_or_one_and_a_wall():
+    def way(x, y, still, walls=None, before=0.25):
+        marked = Marked(np.full(len(x), 1.0), np.full(len(x), 2.0), np.full(1, 10.0), before, still)
+        floes = np.zeros(len(x), MOVING).view(np.recarray)
+        floes.x, floes.y = 1.0 + np.array(x), 2.0 + np.array(y)
+        return uncompiled(strayed)(floes, walls, marked)
+
+    apart, together = ([3.0, 0.0, 1.0], [-1.0, 3.0, 0.0]), ([3.0, 3.0], [-4.0, -4.0])
+    assert way(*apart, False) == way(*apart, True) == 0.25 + 0.5 * 5.0
+    assert way(*together, False) == 0.25 and way(*together, True) == 0.25 + 0.5 * 5.0
+    wall = np.array([(9.0,)], [("position", float)]).view(np.recarray)
+    assert way(*together, True, wall) == 0.25 + 0.5 * 6.0
+    assert way([], [], False) == way([], [], True) == 0.25
+
+
+def test_the_spin_of_the_papers_scheme_is_a_taylor_step_and_a_held_one_gives_its_work_away():
+    force = np.zeros(2, FORCE_AND_TORQUE).view(np.recarray)
+    floes = np.zeros(2, SPINNING).view(np.recarray)
+    force.torque, floes.omega = 4.0, 0.5
+    p = SimpleNamespace(
+        spinning=floes, force=force, held=np.array([1]), inertia=np.full(2, 2.0), angle=np.zeros(2),
+        inverse_spin=np.array([0.5, 0.0]), previous=np.full((2, 3), 1.0),
+    )  # fmt: skip
+    held = np.zeros(3)
+    for k in range(2):
+        hold_taylor_spin(floes, p, k, 0.5, 0.1, held)
+    assert held == pytest.approx([0.0, 0.0, -0.1 * (4.0 + 0.5 * 3.0) * 0.5])
+    taylor_spin(floes, True, (), (), p, 0, 2, 0.1, held)
+    alpha, jerk = 0.5 * 4.0, 0.5 * 3.0
+    assert floes.omega == pytest.approx([0.5 + 0.1 * (alpha + 0.5 * jerk), 0.5])
+    assert p.angle == pytest.approx([0.05 + 0.01 * (alpha / 2 + jerk / 6), 0.05])
+    assert p.previous[:, 2].tolist() == [4.0, 4.0]

@@ -11,6 +11,7 @@ from floebmi.forces import (
     DRAG_PRESETS,
     FLUID_U,
     FLUID_V,
+    HALF_CURL,
     PARAMETER,
     RATE,
     SPIN_RATE,
@@ -209,13 +210,14 @@ def test_a_step_is_as_short_for_a_field_of_coriolis_parameters_as_for_one_and_fo
         add_fastest_rate(force, table_of(force, **here)[1], 1.0, 1.0, rate)
         assert rate[0, 0] == pytest.approx(16 * 2e-4)
     at, table = table_of(OceanDrag(), True, u=0.3, v=0.4)
+    lanes(table, HALF_CURL)[0, 0] = -0.01
     for speed, spin, bound in (
         (1.0, 0.0, 2 * 1.5 * at[RATE, 0]),
-        (0.0, 9.0, 2 * 9 * at[SPIN_RATE, 0]),
+        (0.0, 9.0, 2 * 9.01 * at[SPIN_RATE, 0]),
     ):
-        rate = np.zeros((1, BLOCK))
+        rate = np.full((1, BLOCK), 0.25)  # of other forces
         add_fastest_rate(OceanDrag(), table, speed, spin, rate)
-        assert rate[0, 0] == pytest.approx(bound)
+        assert rate[0, 0] == pytest.approx(0.25 + bound, rel=1e-12)
 
 
 def test_the_bound_on_the_speed_is_that_at_which_the_ocean_balances_what_pushes():
@@ -241,8 +243,11 @@ def test_the_bound_on_the_speed_takes_wind_and_water_of_one_and_the_same_floe():
     driven = 10.0 * np.sqrt(1.3 * 1.2e-3 / (1026.0 * 5.5e-3))
     assert speed_bound(forces, tables, 0.0) == pytest.approx(0.3 + driven)
     assert speed_bound(forces, tables, 5.0) == pytest.approx(5.0 + driven)
+    lanes(tables[0], RATE)[:] *= 1e-6  # hardly any water: no faster through it than the wind
+    assert speed_bound(forces, tables, 0.0) == pytest.approx(0.3 + 10.0)
     lanes(tables[0], RATE)[:] = 0.0  # no water under them
     assert speed_bound(forces, tables, 0.0) == pytest.approx(10.0)
+    assert speed_bound(forces, tables, 20.0) == 20.0
 
 
 def test_vorticity_spins_a_floe_up_to_half_the_curl_and_no_further():

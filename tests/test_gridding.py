@@ -11,10 +11,13 @@ from floebmi.gridding import (
     area_budget,
     cell_fields,
     divergence,
+    give_back,
     internal_stress,
     maximum_shear,
     pressure,
+    sizes_of_drag,
 )
+from floebmi.kernels import BLOCK
 from floebmi.sampling import coverage, floe_weights, gather, without_cell
 
 KINDS = list(GRIDS)
@@ -325,3 +328,44 @@ def test_bad_input_is_refused_in_one_line(attempt, says):
     with pytest.raises(InputError, match=says) as refusal:
         attempt()
     assert "\n" not in str(refusal.value)
+
+
+def uncompiled(kernel):
+    return getattr(kernel, "py_func", kernel)
+
+
+# Floe 0 lies in cell 0, floe 1 half in each of the two, floe 2 in none, floe 3 came in since.
+SHARES = dict(
+    start=np.array([0, 1, 3, 3]), cell=np.array([0, 0, 1]), amount=np.array([2.0, 2.0, 2.0]),
+    over=np.array([0.5, 0.25, 3.0]), number=np.array([1, 3, 0, 2]),
+)  # fmt: skip
+
+
+def in_lanes(*values):
+    return np.array([[*values, *[np.nan] * (BLOCK - len(values))]])
+
+
+def test_what_fluids_gave_is_shared_out_and_what_finds_no_cell_is_lost_but_not_that_of_new_floes():
+    x, y = in_lanes(2.0, 70.0, 3.0, 5.0), in_lanes(-4.0, 80.0, 1.0, 7.0)
+    last_x, last_y, lost = np.full(2, 9.0), np.full(2, 9.0), np.array([100.0, 200.0])
+    total_x, total_y = np.array([10.0, 20.0]), np.array([30.0, 40.0])
+    fluid = x, y, last_x, last_y, total_x, total_y, lost
+    uncompiled(give_back)(**SHARES, fluids=(fluid,))
+    assert last_x.tolist() == [-3.0 - 1.0, -1.0] and last_y.tolist() == [-1.0 + 2.0, 2.0]
+    assert total_x.tolist() == [6.0, 19.0] and total_y.tolist() == [31.0, 42.0]
+    assert lost.tolist() == [95.0, 193.0]
+
+
+def test_sizes_of_drag_are_by_floe_cell_and_area():
+    u, v = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.5, 0.6, 0.7, 0.8])
+    mass = np.array([10.0, 20.0, 30.0, 40.0])
+    magnitude, slope = np.full((2, 2), 9.0)
+    uncompiled(sizes_of_drag)(
+        **SHARES, impulse_x=in_lanes(3.0, 1.0, 5.0, 1.0), impulse_y=in_lanes(4.0, 1.0, -12.0, 1.0),
+        fluid_u=in_lanes(0.5, 0.0, 0.1, 0.0), fluid_v=in_lanes(1.0, 0.0, -0.5, 0.0),
+        rate=in_lanes(0.1, 1.0, 0.3, 1.0), u=u, v=v, mass=mass, cell_area=np.array([2.0, 4.0]),
+        magnitude=magnitude, slope=slope,
+    )  # fmt: skip
+    assert magnitude == pytest.approx([(13.0 + 2.5) / 2.0, 2.5 / 4.0])
+    one, other = 1.0 * 0.3 * 10.0, 0.5 * 0.1 * 20.0  # K |Δu| of floes 0 and 1
+    assert slope == pytest.approx([(one + 0.5 * other) / 2.0, 0.5 * other / 4.0])

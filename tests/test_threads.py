@@ -106,7 +106,15 @@ def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_c
 
 
 def test_tiles_are_whole_blocks_that_fit_the_cache_and_small_packs_are_one():
-    for n, count in ((1, 1), (5_000, 1), (40_000, 1), (50_000, 2), (123_457, 4), (10**6, 8)):
+    for n, count in (
+        (1, 1),
+        (5_000, 1),
+        (40_000, 1),
+        (50_000, 2),
+        (80_000, 2),
+        (123_457, 4),
+        (10**6, 8),
+    ):
         bounds, chunks = tiles.cut(n)
         assert bounds[0] == 0 and bounds[-1] == n and len(chunks) - 1 == count
         assert (bounds[:-1] % BLOCK == 0).all() and np.diff(bounds).max() < 1.5 * tiles.TILE
@@ -123,6 +131,18 @@ def test_a_pair_is_touched_when_the_later_of_its_floes_has_moved(monkeypatch):
     tile = np.searchsorted(bounds, np.maximum(now.pairs.i, now.pairs.j), side="right") - 1
     assert np.array_equal(np.bincount(tile, minlength=len(bounds) - 1), np.diff(parts[:-1]))
     assert (np.diff(tile) >= 0).all()
+
+
+def test_coast_is_the_last_of_its_tile_and_nothing_changes_places_with_another_tile(monkeypatch):
+    monkeypatch.setattr(tiles, "TILE", 128)
+    land = np.random.default_rng(1).random(700) < 0.3
+    order, (bounds, _) = tiles.coast_last(land), tiles.cut(700)
+    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+        here = order[begin:end]
+        pieces = np.count_nonzero(land[begin:end])
+        ice, coast = here[: len(here) - pieces], here[len(here) - pieces :]
+        assert not land[ice].any() and (np.diff(ice) > 0).all()
+        assert land[coast].all() and np.array_equal(np.sort(here), np.arange(begin, end))
 
 
 @pytest.mark.parametrize("number", [0, 1.5, "two"])
