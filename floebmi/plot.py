@@ -111,7 +111,7 @@ def plain_numbers(axis: "Axis") -> None:
 
     low, high = axis.get_view_interval()
     if high < 4.0 * low:
-        axis.set_major_locator(MaxNLocator(4))
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     else:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
     axis.set_minor_locator(NullLocator())
@@ -686,16 +686,18 @@ def _cell_corners(
     return list(np.stack(bounds, axis=-1).reshape(-1, 4, 2))
 
 
-def _draw_graticule(axes: "Axes", view: _View) -> None:
-    """Lines of latitude and longitude, where the grid is on the globe."""
+def _draw_graticule(axes: "Axes", view: _View) -> list[Any]:
+    """Lines of latitude and longitude, where the grid is on the globe; returns their numbers, which stand on the floes."""
+    from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
 
     data = view.gridded
+    numbers: list[Any] = []
     if data is None or "latitude" not in data.variables:
-        return
+        return numbers
     x, y = _centres(data, data["latitude"].dimensions, view.length[0])
     if min(np.shape(x)) < 3:
-        return
+        return numbers
     draw = axes.contour if np.ndim(x) == 2 else axes.tricontour
     for name, signs in (("latitude", "NS"), ("longitude", "EW")):
         values = _filled(data[name][:])
@@ -708,7 +710,10 @@ def _draw_graticule(axes: "Axes", view: _View) -> None:
         def text(value: float, signs: str = signs) -> str:
             return f"{abs(value):.4g}°{signs[int(value < 0)] if value else ''}"
 
-        axes.clabel(lines, fmt=text, fontsize=6.5)
+        numbers += axes.clabel(lines, fmt=text, fontsize=6.5, colors=INK, zorder=4)
+    for number in numbers:
+        number.set(alpha=1.0, path_effects=[withStroke(linewidth=2.0, foreground="white")])
+    return numbers
 
 
 def _centres(
@@ -869,7 +874,7 @@ class _FloePicture:
         self.title = str(getattr(data, "title", "")) if title is None else title
         self.figure, self.axes = _canvas(view, size, self.title, self.bar, arrows is not None)
         _draw_land(self.axes, view)
-        _draw_graticule(self.axes, view)
+        self._numbers = _draw_graticule(self.axes, view)
         _draw_scale_bar(self.axes, view)
         self._time = self.axes.set_title("", loc="right", pad=7)
         self._moving: list[Any] = []
@@ -909,7 +914,9 @@ class _FloePicture:
             self._background = canvas.copy_from_bbox(self.figure.bbox)
         self.show(k)
         canvas.restore_region(self._background)
-        for artist in (*self._moving, self._time):
+        for artist in sorted(
+            (*self._moving, *self._numbers, self._time), key=lambda one: one.zorder
+        ):
             self.axes.draw_artist(artist)
         return np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from floebmi.bonds import TensileStrength
@@ -18,6 +19,7 @@ from floebmi.experiments import campaign, figures, laws, shear, statistics, stra
 from floebmi.experiments.parameters import Shear, Strait, make, radii, rows, table
 from floebmi.floes import FIXED_ROTATION, FIXED_X, Floes
 from floebmi.grid import Grid
+from floebmi.plot import LAND
 
 SMALL_SHEAR = {
     "floes": 60, "height": 150.0, "radius_min": 5.0, "radius_max": 8.0, "held": 16.0, "settling": 60.0,
@@ -358,6 +360,9 @@ def test_the_figure_of_stresses_shows_the_members_their_line_and_its_band(shears
     np.testing.assert_allclose(at_0[[0, -1]], shears.data.bulk_cohesion_bounds / 1e3)
     ratio = right.lines[0].get_xydata()
     np.testing.assert_allclose(ratio, np.stack([N, 0.25 + 1 / N], axis=1))
+    (told,) = (text.get_text() for text in left.get_legend().get_texts())
+    low, high = shears.data.bulk_cohesion_bounds.values / 1e3
+    assert f"1.00 kPa ({low:.2f} … {high:.2f})".replace("-", "−") in told and "-" not in told
     profiles = figures._profiles({"frictional": shears.data}).axes[0].lines
     np.testing.assert_allclose(profiles[0].get_xydata(), [[0.2, 0.25], [0.9, 0.75]])
 
@@ -378,10 +383,48 @@ def test_the_figure_of_jamming_shows_mass_shares_and_times(straits):
     np.testing.assert_allclose(bound, [[0.0, lower]])
 
 
-def test_floes_of_a_map_have_their_size():
+def test_marks_of_both_models_have_the_colours_that_their_legend_has(straits):
+    figure = figures._jamming(
+        {"frictional": straits.data, "cohesive": straits.data}, figures.SWEEPS[7]
+    )
+    _, _, upper, _, _, lower = figure.axes
+    shown = [
+        {line.get_marker(): line.get_color() for line in axes.lines} for axes in (upper, lower)
+    ]
+    assert shown[0] == shown[1]
+
+
+def test_a_map_shows_floes_of_their_size_land_behind_the_walls_and_arrows_that_stay_inside():
     p = make(Strait, {})
-    discs = figures._strait_map(p, 1).axes[0].collections[0]
+    (axes,) = figures._strait_map(p, 1).axes
+    discs, arrows = axes.collections
     np.testing.assert_allclose(discs.get_widths(), 2 * strait.build(p, 1).floes.radius / 1e3)
+    half, top = axes.get_xlim()[1], axes.get_ylim()[1]
+    for x, y, land in ((half - 1, 1, 1), (1 - half, 1, 1), (0, 1, 0), (0, top - 1, 0)):
+        hit = [patch.get_path().contains_point((x, y)) for patch in axes.patches]
+        assert sum(hit) == land, (x, y)
+    assert {to_hex(patch.get_facecolor()) for patch in axes.patches} == {LAND}
+    x, y = arrows.XY.T
+    share = {"tail": (0.0, 1.0), "mid": (-0.5, 0.5), "middle": (-0.5, 0.5), "tip": (-1.0, 0.0)}
+    for end in share[arrows.pivot]:  # of an arrow; lengths are in widths of the axes
+        at_x, at_y = (
+            c + end * 2 * half * d / arrows.scale for c, d in ((x, arrows.U), (y, arrows.V))
+        )
+        assert (abs(at_x) < half).all() and (at_y > 0).all() and (at_y < top).all()
+
+
+def test_a_strait_in_time_has_numbers_along_x_below_the_lowest_panel_of_each_column(monkeypatch):
+    evolve = strait.evolve
+    monkeypatch.setattr(
+        strait, "evolve", lambda model, p: () if p.tensile_strength else evolve(model, p)
+    )
+    p = make(Strait, {"hours": 2.0, "funnel": 6e3, "channel": 1e3})
+    axes = figures._strait_in_time(p, 1).axes
+    assert sum(not one.axison for one in axes) == 2  # the cohesive strait has jammed at once
+    for upper, lower in zip(axes[:3], axes[3:], strict=True):
+        lowest = lower if lower.axison else upper
+        assert lowest.get_xlabel() == "x [km]"
+        assert lowest.xaxis.get_tick_params()["labelbottom"]
 
 
 def test_chains_are_dark_where_floes_push_and_red_where_bonds_pull():
@@ -395,6 +438,20 @@ def test_chains_are_dark_where_floes_push_and_red_where_bonds_pull():
     dark, red = axes.collections[0].get_colors()
     assert max(dark[:3]) < 0.3 and red[0] > 2 * max(red[1:3])
     assert axes.collections[0].get_segments()[1].tolist() == [[1.0, 0.0], [2.0, 0.0]]
+
+
+def test_a_chain_over_the_seam_of_the_cell_is_drawn_on_both_sides():
+    values = {**SMALL_SHEAR, "settling": 20.0, "consolidation": 10.0, "duration": 4.0}
+    axes = figures._shear_cell(make(Shear, values), 1).axes[0]
+    width = axes.get_xlim()[1]
+    lines = np.concatenate(
+        [one.get_segments() for one in axes.collections if hasattr(one, "get_segments")]
+    )
+    east, west = (
+        lines[(lines[:, :, 0].min(1) < at) & (lines[:, :, 0].max(1) > at)] for at in (width, 0.0)
+    )
+    assert len(east) == len(west) > 0
+    np.testing.assert_allclose(np.sort(east[:, 0, 1]), np.sort(west[:, 0, 1]))
 
 
 # ---- the command ------------------------------------------------------------------------------

@@ -287,6 +287,31 @@ def test_a_graticule_says_on_which_side_of_the_equator_and_of_greenwich_its_line
         assert told == set(west_south), projection
 
 
+def test_a_logarithmic_axis_within_a_decade_has_numbers_enough():
+    with draw.graph(3, 3) as figure:
+        axes = figure.subplots()
+        axes.set(yscale="log", ylim=(1.8, 5.9))
+        draw.plain_numbers(axes.yaxis)
+    figure.canvas.draw()
+    low, high = axes.get_ylim()
+    shown = [
+        text.get_text()
+        for at, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
+        if low < at < high
+    ]
+    assert shown == ["2", "3", "4", "5"]
+
+
+def test_the_numbers_of_a_graticule_stand_on_the_floes_with_a_rim(run):
+    axes = draw.frame(run[1], run[0]).axes[0]
+    numbers = [text for text in axes.texts if "°" in text.get_text()]
+    assert numbers
+    for number in numbers:
+        assert number.get_zorder() > max(one.get_zorder() for one in axes.collections)
+        assert to_rgba(number.get_color(), number.get_alpha()) == to_rgba(draw.INK)
+        assert number.get_path_effects()
+
+
 @pytest.mark.parametrize("kind", GRIDS)
 def test_a_field_is_drawn_on_each_kind_of_grid(tmp_path, kind):
     gridded, _, model = small_run(tmp_path, small_model(GRIDS[kind]()), frames=2)

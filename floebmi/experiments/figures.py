@@ -52,7 +52,7 @@ SWEEPS = {  # the paper gives no values; chosen: its baseline, and what lies on 
     6: Sweep("friction", (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), {"frictional": {"tensile_strength": (0.0,)}}, "friction coefficient $μ$ [1]"),
     7: Sweep("tensile_strength", (0.0, 50e3, 100e3, 200e3, 300e3, 400e3), {"cohesive": {"friction": (0.0,)}}, "tensile strength $σ_c$ [kPa]", KPA),
     8: Sweep("width", (5e3, 6e3, 7e3, 8e3), TWO, "width of the strait $W$ [km]", KM),
-    9: Sweep("spread", (0.0, 0.5, 1.0, 1.4), TWO, "range of radii over the paper's 750 m [1]"),
+    9: Sweep("spread", (0.0, 0.5, 1.0, 1.4), TWO, "range of radii over 750 m [1]"),
     10: Sweep("thickness", (0.5, 1.0, 2.0, 3.0), TWO, "thickness $h$ [m]"),
 }  # fmt: skip
 KINDS: dict[int, type[Experiment]] = {n: Shear if n in (1, 3, 4) else Strait for n in range(1, 11)}
@@ -165,7 +165,7 @@ def _shear_cell(p: Shear, seed: int) -> "Figure":
         wall = float(cell.model.wall_positions[0])
         for shift in (-cell.length, 0.0, cell.length):
             _discs(ax, f.x + shift, f.y, f.radius, colours, 1.0)
-        chains(ax, cell.model, 1.0)
+            chains(ax, cell.model, 1.0, shift)
         ax.axhline(wall, color=plot.INK, lw=2.5)
         ax.set(
             title=title,
@@ -194,7 +194,8 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
         if np.isfinite(f):
             low, high = one.bulk_friction_bounds.values
             clow, chigh = one.bulk_cohesion_bounds.values / KPA
-            label = f"{model}: $μ_u$ = {f:.2f} ({low:.2f} … {high:.2f}),\n$C$ = {c:.1f} kPa ({clow:.1f} … {chigh:.1f})"
+            label = f"{model}: $μ_u$ = {f:.2f} ({low:.2f} … {high:.2f}),\n$C$ = {c:.2f} kPa ({clow:.2f} … {chigh:.2f})"
+            label = label.replace("-", "−")  # a minus, not a hyphen
             line = np.linspace(0, n.max(), 60)
             left.plot(line, c + f * line, color=colour, label=label)
             middle, band = _band(np.repeat(n, each.shape[1]), each.ravel() / KPA, line)
@@ -260,15 +261,16 @@ def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
 
 def _strait_map(p: Strait, seed: int) -> "Figure":
     model = strait.build(p, seed)
-    figure, ax = _panels(6.4, 4.0)
-    _funnel(ax, model)
+    figure, ax = _panels(6.4, 3.7)
+    _funnel(ax, model, p)
     ny, nx = model.grid.shape
-    u, v = (c.reshape(ny, nx)[::2, ::2] for c in (model.ocean.u, model.ocean.v))
-    x, y = (np.reshape(c, (ny, nx))[::2, ::2] / KM for c in (model.grid.x, model.grid.y))
-    moving = np.hypot(u, v) > 0.01 * p.current
+    u, v = (c.reshape(ny, nx)[1::2, ::2] for c in (model.ocean.u, model.ocean.v))
+    x, y = (np.reshape(c, (ny, nx))[1::2, ::2] / KM for c in (model.grid.x, model.grid.y))
+    moving = np.hypot(u, v) > 0.03 * p.current  # slower ones would be dots
+    # an arrow's middle is its place: those of the outlet reach down to the edge, and not beyond
     arrows = ax.quiver(
-        x[moving], y[moving], u[moving], v[moving], color="#0072B2", scale=12 * p.current + 1e-9,
-        width=0.003, zorder=4,
+        x[moving], y[moving], u[moving], v[moving], color="#0072B2", scale=15 * p.current + 1e-9,
+        width=0.003, pivot="mid", minlength=0.5, zorder=4,
     )  # fmt: skip
     ax.quiverkey(arrows, 0.88, 0.08, p.current, f"current {p.current:g} m/s", labelpos="N")
     ax.set_title(f"wind {p.wind:g} m/s towards −y, strait {p.width / KM:g} km wide")
@@ -284,27 +286,32 @@ def _strait_in_time(p: Strait, seed: int) -> "Figure":
         when, k = np.array([0.05, 0.15, 0.4]) * one.hours * HOUR, 0
         for _ in strait.evolve(model, one):
             if k < 3 and model.time >= when[k]:
-                _snapshot(row[k], model, f"{model_name}, {model.time / HOUR:.1f} h")
+                _snapshot(row[k], model, one, f"{model_name}, {model.time / HOUR:.1f} h")
                 k += 1
         if k < 3:
             jam = "jammed" if model.time < one.hours * HOUR else "end"
-            _snapshot(row[k], model, f"{model_name}, {jam}, {model.time / HOUR:.1f} h")
+            _snapshot(row[k], model, one, f"{model_name}, {jam}, {model.time / HOUR:.1f} h")
         for ax in row[k + 1 :]:
             ax.set_axis_off()  # it had jammed by then
-    for ax in axes[0]:
-        ax.set_xlabel("")
+    for ax, below in zip(*axes, strict=True):
+        if below.axison:
+            ax.set_xlabel("")
+        else:
+            ax.tick_params(labelbottom=True)
     for ax in axes[:, 1:].flat:
         ax.set_ylabel("")
     return figure
 
 
-def _snapshot(ax: "Axes", model: Any, title: str) -> None:
-    _funnel(ax, model)
+def _snapshot(ax: "Axes", model: Any, p: Strait, title: str) -> None:
+    _funnel(ax, model, p)
     chains(ax, model, KM)
     ax.set_title(title, fontsize=8.5)
 
 
-def _funnel(ax: "Axes", model: Any) -> None:
+def _funnel(ax: "Axes", model: Any, p: Strait) -> None:
+    for ring in strait.walls(p).polygons:
+        ax.fill(*ring.T / KM, color=plot.LAND, lw=0, zorder=1)
     f = model.floes
     here = f.active
     colours = np.where(f.land, plot.LAND, "#ffffff")[here]
@@ -329,15 +336,18 @@ def _discs(ax: "Axes", x: np.ndarray, y: np.ndarray, radius: np.ndarray, colours
     )  # fmt: skip
 
 
-def chains(ax: "Axes", model: Any, unit: float) -> None:
-    """Contacts as lines between centres, wider with their force; pushes are dark, pulls of bonds red."""
+def chains(ax: "Axes", model: Any, unit: float, shift: float = 0.0) -> None:
+    """Contacts as lines between centres, wider with their force; pushes are dark, pulls of bonds red.
+
+    shift : along x [m], for what reaches across a periodic edge
+    """
     from matplotlib.collections import LineCollection
 
     c, f = model.contacts(), model.floes
     force = np.hypot(c.fx, c.fy)
     if not len(force):
         return
-    start = np.stack([f.x[c.i], f.y[c.i]], axis=1)
+    start = np.stack([f.x[c.i] + shift, f.y[c.i]], axis=1)
     ends = np.stack([start, start + np.stack([c.dx, c.dy], axis=1)], axis=1) / unit
     strong = np.quantile(force, 0.95)
     width = 2.6 * np.minimum(force / strong, 1.5) if strong > 0 else force
@@ -363,7 +373,7 @@ def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
             )
             mass.plot(hours, at.transport.mean("seed") / 1e9, color=colour, lw=1.8, label=f"{value / sweep.unit:g}")  # fmt: skip
             _survival(share, at, colour)
-        _timescales(scale, one, sweep, COLOURS[model])
+        _timescales(scale, one, sweep)
         mass.set(title=model, xlabel="time [h]", ylabel="mass through the strait [Mt]")
         share.set(xlabel="time [h]", ylabel="share that flows $P_s$ [1]", ylim=(-0.03, 1.03), xlim=mass.get_xlim())  # fmt: skip
     # beside the curves: they fill their panels
@@ -389,9 +399,9 @@ def _survival(ax: "Axes", one: "xr.Dataset", colour: Any) -> None:
         ax.plot(t, np.exp(-(t - start) / T), "--", color=colour, lw=0.8)
 
 
-def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep, colour: str) -> None:
+def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
     """T with its interval; arrows are lower bounds where no run jammed; crosses the fit as in the paper."""
-    x = one[sweep.name].values / sweep.unit
+    x, colour = one[sweep.name].values / sweep.unit, plot.LINES[0]  # one legend is of all models
     T, fit = one.jamming_timescale.values / HOUR, one.jamming_timescale_fit.values / HOUR
     low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in ("low", "high"))
     some = np.isfinite(T)
