@@ -83,10 +83,8 @@ def arrays_of(thing: object, seen: dict[int, np.ndarray]) -> dict[int, np.ndarra
     elif isinstance(thing, dict):
         arrays_of(list(thing.values()), seen)
     elif type(thing).__module__.startswith("floebmi"):
-        named = getattr(thing, "__slots__", None) or getattr(
-            thing, "__dict__", ()
-        )  # floes have slots
-        arrays_of([getattr(thing, name) for name in named], seen)
+        names = getattr(thing, "__slots__", None) or vars(thing)  # floes and fluids have slots
+        arrays_of([getattr(thing, name) for name in names], seen)
     return seen
 
 

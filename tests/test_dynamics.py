@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from uncompiled import uncompiled
 
 from floebmi import advance
 from floebmi.bonds import TensileStrength
@@ -446,10 +447,6 @@ def test_seldom_forces_act_for_all_of_the_time_and_not_beyond_its_end(steps, lef
     assert time_left_to_push(lag, False) == 0.0
     assert time_left_to_push(lag, True) == left and not lag.any()
     assert sum(pushed) + left == 0.5 * steps
-
-
-def uncompiled(kernel):
-    return getattr(kernel, "py_func", kernel)
 
 
 def test_how_far_floes_have_strayed_is_half_of_how_much_nearer_two_may_be_or_one_and_a_wall():

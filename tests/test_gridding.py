@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from exchange_grids import CELLS, GRIDS, SIDE, disc_rectangle, masked, random_floes
 from hypothesis import given, settings, strategies as st
+from uncompiled import uncompiled
 
 from floebmi.errors import InputError
 from floebmi.grid import Grid
@@ -328,10 +329,6 @@ def test_bad_input_is_refused_in_one_line(attempt, says):
     with pytest.raises(InputError, match=says) as refusal:
         attempt()
     assert "\n" not in str(refusal.value)
-
-
-def uncompiled(kernel):
-    return getattr(kernel, "py_func", kernel)
 
 
 # Floe 0 lies in cell 0, floe 1 half in each of the two, floe 2 in none, floe 3 came in since.

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from uncompiled import uncompiled
 
 from floebmi.bonds import Beam, TensileStrength, beam_of, bending_ratio
 from floebmi.contact import (
@@ -38,10 +39,6 @@ from floebmi.pack import (
 from floebmi.pairs import Near, PairList
 
 ORIGIN = 1e6, 2e6
-
-
-def uncompiled(kernel):
-    return getattr(kernel, "py_func", kernel)
 
 
 def packed(floes, number, previous):

@@ -1,15 +1,11 @@
 """Kernels that are not compiled (NUMBA_DISABLE_JIT=1, to step through a law in a debugger) find the same."""
 
-import json
-import os
-import subprocess
-import sys
-
 import numba
 import numpy as np
 import pytest
 from small_run import curvilinear, small_model
 from test_laws import ALL, jostle
+from uncompiled import in_plain_python
 
 from floebmi import columns
 from floebmi.pack import FORCE, FORCE_AND_TORQUE, MOVING, SPINNING
@@ -33,13 +29,7 @@ def found(name):
 @pytest.fixture(scope="module")
 def plain():
     """The same in a process that compiles nothing."""
-    code = "import json, test_plain as t; print(json.dumps({name: t.found(name) for name in t.SCENES}))"
-    here = os.path.dirname(__file__)
-    path = os.pathsep.join([here, os.path.dirname(here)])
-    env = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path, "PYTHONWARNINGS": "ignore"}
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout)
+    return in_plain_python("test_plain", "{name: t.found(name) for name in t.SCENES}")
 
 
 @pytest.mark.parametrize("name", SCENES)
