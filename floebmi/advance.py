@@ -304,7 +304,7 @@ class Advance:
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
         self.walls = Walls(
             self.state.walls if len(self.state.walls) else None, floe, number,
-            np.zeros(len(floe)) if dashpot else None,
+            np.zeros(len(floe)) if dashpot else None, *np.zeros((2, len(floe))),
         )  # fmt: skip
 
     def _laws(self) -> Laws:

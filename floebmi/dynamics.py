@@ -131,6 +131,10 @@ class Walls(NamedTuple):
     floe: np.ndarray
     number: np.ndarray  # of the wall
     damped: np.ndarray | None  # force of the dashpots [N], since the list was made
+    opening: (
+        np.ndarray
+    )  # rate at which floe and wall part [m/s], and their blow [N s], see `contact.blow`
+    blow: np.ndarray
 
 
 class Marked(NamedTuple):
@@ -451,8 +455,9 @@ def touch_walls(
         else:
             force[k].y += wall.side * f.f_n
         wall.force -= wall.side * f.f_n
-        strike_wall(inverse, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint)
+        edges.opening[q], edges.blow[q] = opening, f.blow_n
         lost[DASHPOTS] += f.dashpot_loss
+    strike_walls(inverse, wall_law, floes, force, edges, dt, constraint)
 
 
 @touch_walls.register
@@ -461,25 +466,34 @@ def _(wall_law: None, floes, edges, dt, force, inverse, constraint, lost):
 
 
 @dispatched
-def strike_wall(inverse, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint):
-    """The blow of a floe that met a wall or left it: on the floe, and its opposite on the wall."""
-    if f.blow_n == 0.0:
-        return
-    w = inverse.x[k] if along_x else inverse.y[k]
-    pushed = w * (force[k].x if along_x else force[k].y) - wall.inverse_mass * wall.force
-    ahead = opening + 0.5 * dt * wall.side * pushed
-    impulse, _ = blow(wall_law.dashpot, f.blow_n, opening, ahead, w + wall.inverse_mass)
-    impulse *= wall.side
-    x, y = (impulse, 0.0) if along_x else (0.0, impulse)
-    strike(inverse, floes, k, x, y, constraint)
-    change = -wall.inverse_mass * impulse
-    wall.impulse += impulse
-    wall.work += impulse * (wall.speed + 0.5 * change)
-    wall.speed += change
+def strike_walls(inverse, wall_law, floes, force, edges, dt, constraint):
+    """The blows of floes that met a wall or left it, now that all that pushes it is known: on the floe, and its opposite on the wall.
+
+    The load of a wall is left out, as in the energy that the scheme keeps (eq. kept-energy).
+    """
+    for q in range(edges.floe.size):
+        if edges.blow[q] == 0.0:
+            continue
+        k, wall = edges.floe[q], edges.walls[edges.number[q]]
+        along_x = wall.axis == 0
+        w = inverse.x[k] if along_x else inverse.y[k]
+        pushed = w * (force[k].x if along_x else force[k].y) - wall.inverse_mass * wall.force
+        parting = (floes[k].u if along_x else floes[k].v) - wall.speed
+        ahead = wall.side * (parting + 0.5 * dt * pushed)
+        impulse, _ = blow(
+            wall_law.dashpot, edges.blow[q], edges.opening[q], ahead, w + wall.inverse_mass
+        )
+        impulse *= wall.side
+        x, y = (impulse, 0.0) if along_x else (0.0, impulse)
+        strike(inverse, floes, k, x, y, constraint)
+        change = -wall.inverse_mass * impulse
+        wall.impulse += impulse
+        wall.work += impulse * (wall.speed + 0.5 * change)
+        wall.speed += change
 
 
-@strike_wall.register
-def _(inverse: None, wall_law, floes, force, k, wall, along_x, f, opening, dt, constraint):
+@strike_walls.register
+def _(inverse: None, wall_law, floes, force, edges, dt, constraint):
     pass
 
 

@@ -1,13 +1,11 @@
 """Edges, walls, inflow; and that mass and momentum are booked on each of them."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from floebmi.boundaries import Domain, Feeder, Inflow, Wall, build_walls
 from floebmi.contact import Contact, Elastic, Restitution, frictional
-from floebmi.dynamics import WALL, Step, strike_wall
+from floebmi.dynamics import WALL, Step, Walls, strike_walls
 from floebmi.errors import InputError, StabilityError
 from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
@@ -85,6 +83,24 @@ def test_neither_the_load_of_a_wall_nor_its_damper_is_energy_of_the_ice(mass, da
     model.advance(500 * step)
     assert model.ledger.accounts["walls"][3] > 1.0
     assert_books_close(model, energy=1e-10)
+
+
+def under_a_heavy_wall(step):
+    """Twenty floes side by side that leap up to a loaded wall, several in one step."""
+    rng = np.random.default_rng(2)
+    x, y, v = 22.0 * np.arange(20) + 11.0, rng.uniform(-8.0, 8.0, 20), rng.normal(0.0, 1.0, 20)
+    floes = Floes(x, y, 10.0, 1.0, v=v)
+    wall = Wall("north", 25.0, normal_stress=20.0, mass=1e7, damping=0.0)
+    domain = Domain((0.0, 440.0), (-30.0, 200.0), south="closed")
+    return Model(domain, floes, Contact(), walls=[wall], step=step)
+
+
+def test_blows_of_many_floes_on_a_wall_know_of_each_other():
+    """A blow had been found before the later floes' forces on the wall were known: 2e-6 of the energy."""
+    step = under_a_heavy_wall(Step(fraction=0.85)).longest_step()
+    model = under_a_heavy_wall(Step(length=step))
+    model.advance(700 * step)
+    assert_books_close(model, energy=1e-12)
 
 
 def test_a_wall_lighter_than_its_floes_sets_the_step():
@@ -586,9 +602,9 @@ def test_the_blow_of_a_wall_does_its_work_on_floe_and_wall_half_a_step_ahead(axi
         return of_wall + 0.5 * (floe[speed] + 0.5 * dt * 0.25 * forces[0][force]) ** 2 / 0.25
 
     before, was, before_wall = energy(), floe[speed], 0.5 * wall.speed**2 / 0.1
-    blow = SimpleNamespace(blow_n=work / rate)
-    law = Contact()
-    strike_wall(Inverse(True, *both, None), law, floes, forces, 0, wall, axis == 0, blow, rate, dt, taken)  # fmt: skip
+    first = np.zeros(1, np.int64)
+    edges = Walls(walls, first, first, None, np.full(1, rate), np.full(1, work / rate))
+    strike_walls(Inverse(True, *both, None), Contact(), floes, forces, edges, dt, taken)
     assert energy() - before == pytest.approx(work)
     assert (wall.speed - 0.3) / 0.1 == pytest.approx(-wall.impulse)
     assert wall.work == pytest.approx(before_wall - 0.5 * wall.speed**2 / 0.1)
