@@ -5,6 +5,7 @@ import pytest
 
 from floebmi.boundaries import Domain
 from floebmi.contact import frictional
+from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import COAST, FIXED, Floes
 from floebmi.forces import (
@@ -87,6 +88,23 @@ def test_a_tiny_floe_with_an_hours_step_does_not_overshoot():
 def test_explicit_drag_would_overshoot_there():
     rate = printed_ocean_rate(1.0, 1.0)
     assert 0.0 + 3600.0 * rate * 2.0**2 > 2.0
+
+
+def test_a_floe_takes_the_sub_steps_of_its_own_block():
+    """Thick floes come first in space, and take one for an exchange; thin ones many, as many as without the thick."""
+    thick, thin = 50.0 * np.arange(BLOCK), 50.0 * np.arange(9)
+    speeds = []
+    for before in (thick, thick[:0]):
+        floes = Floes(
+            np.append(before, thin), np.append(0.0 * before, 500.0 + 0.0 * thin), 20.0,
+            np.append(0.0 * before + 1e4, 0.0 * thin + 0.01),
+        )  # fmt: skip
+        step = Step(length=10.0, drag_every=60)
+        model = Model(DOMAIN, floes, forces=[OceanDrag(1026.0, 0.0, 5.5e-3)], step=step)
+        model.ocean.u[:] = 0.5
+        model.advance(600.0)
+        speeds.append(floes.u[-9:].tolist())
+    assert speeds[0] == speeds[1]
 
 
 @pytest.mark.parametrize("wind", [40.0, 5.0])
