@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from floebmi.arrays import all_finite, same_bits
 from floebmi.errors import InputError, in_line
-from floebmi.quantities import unmasked
+from floebmi.quantities import FARTHEST, unmasked
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
 FIXED_Y = 2
@@ -91,7 +91,7 @@ class Floes:
     Parameters
     ----------
     x, y : centres [m]
-    radius, thickness : [m], greater than 0
+    radius, thickness : [m], greater than 0, less than 1e9 m
     u, v : velocity [m/s]
     motion : bits of what is prescribed: `FIXED_X` (1), `FIXED_Y` (2), `FIXED_ROTATION` (4), or
         their sum.  `FIXED` (7) with zero velocity is a fixed floe, with a velocity it is a driven
@@ -387,11 +387,13 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
     unit = _UNITS.get(name)
     if unit is None:
         return
-    bounded = name in ("radius", "thickness", *_OWN_TYPES)
-    if all_finite(values) and not (bounded and values.min(initial=1.0) <= 0):
+    is_size = name in ("radius", "thickness")
+    below = FARTHEST if is_size else np.inf
+    bounded = is_size or name in _OWN_TYPES
+    if all_finite(values, below) and not (bounded and values.min(initial=1.0) <= 0):
         return
-    wrong = ~np.isfinite(values)
-    if name in ("radius", "thickness"):
+    wrong = ~(np.abs(values) < below)  # NaN is wrong, too
+    if is_size:
         wrong |= values <= 0
     if name in _OWN_TYPES:
         wrong |= values < 0
@@ -399,6 +401,8 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
         row = int(np.flatnonzero(wrong)[0])
         value = float(np.atleast_1d(values)[row])
         bound = "at least 0" if name in _OWN_TYPES else "greater than 0"
+        if value >= FARTHEST:
+            bound = f"less than {FARTHEST:g} m"
         right = bound if np.isfinite(value) else "a finite number"
         given = f"{value!r} {unit}".strip()
         raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")

@@ -59,6 +59,7 @@ class Kilometres(np.ndarray):
         ({"radius": 0.0}, "floe 0: radius = 0.0 m; must be greater than 0"),
         ({"thickness": [0.0, 1.0]}, "floe 0: thickness = 0.0 m; must be greater than 0"),
         ({"thickness": [1.0, np.inf]}, "floe 1: thickness = inf m; must be a finite number"),
+        ({"radius": [1.0, 1e300]}, "floe 1: radius = 1e+300 m; must be less than 1e+09 m"),
         ({"x": [0.0, np.nan]}, "floe 1: x = nan m; must be a finite number"),
         ({"v": np.inf}, "floe 0: v = inf m/s; must be a finite number"),
         ({"motion": [0, 8]}, "floe 1: motion = 8; must be a sum of FIXED_X = 1"),
