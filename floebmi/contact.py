@@ -21,7 +21,7 @@ from floebmi.bonds import (
 )
 from floebmi.errors import InputError
 from floebmi.geometry import lens
-from floebmi.kernels import dispatched, inner
+from floebmi.kernels import dispatched, has_code, inner
 from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
 
 GRAVITY = 9.81  # [m/s²]
@@ -171,14 +171,22 @@ def prepare(contact: Contact) -> Contact:
     return contact
 
 
-def check_bonds(contact: Contact | None) -> None:
-    """Refuse bonds that would start stronger than they are, or slip on another spring than friction does.
+def check_contact(contact: Contact | None) -> None:
+    """Refuse a law without code, and bonds that would start stronger than they are, or slip on another spring than friction does.
 
     Raises
     ------
     InputError
     """
-    if contact is None or contact.bonds is None:
+    if contact is None:
+        return
+    if type(contact.elastic) is not Elastic:
+        raise InputError(
+            f"Contact.elastic = {contact.elastic!r}: must be of the kind Elastic; steps, bonds, walls and the books of energy "
+            "are those of its linear spring"
+        )
+    check_code("Contact", contact)
+    if contact.bonds is None:
         return
     strength, healing, beam = (
         contact.bonds.tensile_strength,
@@ -197,6 +205,18 @@ def check_bonds(contact: Contact | None) -> None:
         )
 
 
+def check_code(place: str, law: tuple) -> None:
+    """Refuse a part that somebody added and registered no code for: that of the law whose place it takes would run."""
+    for name, part in law._asdict().items():
+        if hasattr(part, "_asdict"):
+            kind = type(part)
+            if not kind.__module__.startswith("floebmi.") and not has_code(kind):
+                raise InputError(
+                    f"{place}.{name} = {part!r}: no code is registered for a {kind.__name__}"
+                )
+            check_code(kind.__name__, part)
+
+
 def turns(contact: Contact | None) -> bool:
     """Whether the law turns floes: friction does, and bonds that are beams."""
     return contact is not None and bool(contact.friction or beam_of(contact.bonds))
@@ -208,9 +228,9 @@ def own(contact: Contact | None) -> dict[str, tuple[float, float]]:
         return {}
     friction, bonds = contact.friction, contact.bonds
     found = {}
-    if friction is not None and friction.spread is not None:
+    if getattr(friction, "spread", None) is not None:
         found["friction"] = friction.coefficient, friction.spread
-    if bonds is not None and bonds.spread is not None:
+    if getattr(bonds, "spread", None) is not None:
         found["tensile_strength"] = bonds.tensile_strength, bonds.spread
     return found
 
@@ -323,6 +343,12 @@ def coefficient(friction):
 @coefficient.register
 def _(friction: None):
     return 0.0
+
+
+@dispatched
+def coefficient_now(friction, mu, slip_rate):
+    """μ of a pair that slips at this rate [m/s], 0 where no time passes; mu : the same at rest."""
+    return mu
 
 
 @dispatched
@@ -491,6 +517,7 @@ def pair_force(
     along the way.
     """
     k_n = stiffness(law.elastic, h_i, h_j)
+    mu = coefficient_now(law.friction, mu, slip_rate if dt > 0.0 else 0.0)
     mean_radius = 2.0 * r_i * r_j / (r_i + r_j)
     beam = beam_of(law.bonds)
     spring = shear_spring(beam, law.friction)

@@ -1,5 +1,6 @@
 """What a scene will model and why, what it leaves out, and what it will cost; nothing is run for that."""
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -156,10 +157,9 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
             else "[ice] rotation asks for it"
         )  # fmt: skip
         rows.append(("rotation", f"because {why}"))
-    tables = {"OceanDrag": "ocean", "AirDrag": "atmosphere", "BodyForce": "body_force"}
     for force in model.forces:
         name = type(force).__name__
-        text = f"{_numbers(force)}; [{tables.get(name, name.lower())}] asks for it"
+        text = f"{_numbers(force)}; [{table_of_force(type(force))}] asks for it"
         if isinstance(force, OceanDrag | AirDrag):
             text += "; " + _drives(
                 scene.ocean if isinstance(force, OceanDrag) else scene.atmosphere
@@ -172,6 +172,12 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
     if model.ocean is not None or model.atmosphere is not None:
         rows.append(("exchange grid", repr(model.grid)))
     return rows
+
+
+def table_of_force(kind: type) -> str:
+    """The table of a scene that asks for a force: its own name, but that of the fluid for drag."""
+    fluids = {OceanDrag: "ocean", AirDrag: "atmosphere"}
+    return fluids.get(kind) or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()
 
 
 def _drives(table: object) -> str:

@@ -4,6 +4,8 @@ Whoever drives the ice (a host, a file, a constant) writes into these arrays; `M
 books what their drag gave to the floes, with the opposite sign, in the cells that it was read from.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -15,7 +17,6 @@ from floebmi.gridding import sizes_of_drag
 from floebmi.quantities import flat, is_number, unmasked
 from floebmi.vorticity import Vorticity
 
-FIELDS = "u", "v", "tilt_x", "tilt_y", "coriolis"  # that somebody sets
 FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
 
 
@@ -28,10 +29,10 @@ class _Cells:
     def __get__(self, fluid: "Fluid", owner: type | None = None) -> np.ndarray:
         if fluid is None:
             return self  # type: ignore[return-value]
-        return fluid._set[self.name]
+        return fluid.fields.get(self.name)
 
     def __set__(self, fluid: "Fluid", values: ArrayLike) -> None:
-        cells = fluid._set[self.name]
+        cells = fluid.fields.get(self.name)
         if cells is None:
             raise InputError(f"{self.name}: no force of the model reads it; list the one that does")
         try:
@@ -56,6 +57,7 @@ class Fluid:
     u, v : velocity at the cells' centres along x and y [m/s], set by a host or a forcing
     tilt_x, tilt_y : slope of the sea surface [1], or None
     coriolis : Coriolis parameter [1/s], or None
+    fields : all that somebody sets, by name: the above, and what a force of one's own reads
     impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
     last_x, last_y : the part of it from the last exchange [N s]
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
@@ -69,20 +71,17 @@ class Fluid:
 
     __slots__ = (
         "grid", "impulse_x", "impulse_y", "last_x", "last_y", "undelivered", "layer_thickness",
-        "_set", "_sizes", "_drag", "_curl",
+        "fields", "_sizes", "_drag", "_curl",
     )  # fmt: skip
 
     u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
 
-    def __init__(
-        self, grid: Grid, ocean: bool = False, tilt: bool = False, coriolis: bool = False
-    ) -> None:
+    def __init__(self, grid: Grid, fields: Iterable[str] = (), ocean: bool = False) -> None:
         def zeros() -> np.ndarray:
             return np.zeros(grid.size)
 
         self.grid = grid
-        there = {"u": True, "v": True, "tilt_x": tilt, "tilt_y": tilt, "coriolis": coriolis}
-        self._set = {name: zeros() if wanted else None for name, wanted in there.items()}
+        self.fields = {name: zeros() for name in dict.fromkeys(("u", "v", *fields))}
         self.impulse_x, self.impulse_y = zeros(), zeros()
         self.last_x, self.last_y = zeros(), zeros()
         self._sizes = (zeros(), zeros()) if ocean else (None, None)
@@ -115,10 +114,9 @@ class Fluid:
     def arrays(self) -> dict[str, np.ndarray]:
         """All that lasts, by name."""
         names = (
-            *FIELDS, "impulse_x", "impulse_y", "last_x", "last_y", "magnitude", "coefficient",
-            "undelivered",
+            "impulse_x", "impulse_y", "last_x", "last_y", "magnitude", "coefficient", "undelivered",
         )  # fmt: skip
-        found = {name: getattr(self, name) for name in names}
+        found = self.fields | {name: getattr(self, name) for name in names}
         return {name: values for name, values in found.items() if values is not None}
 
     def refuse_not_finite(self, name: str, time: float) -> None:
@@ -126,9 +124,9 @@ class Fluid:
         thickness = self.layer_thickness
         if thickness is not None and not (is_number(thickness) and thickness > 0):
             raise InputError(f"{name}.layer_thickness = {thickness!r}: must be greater than 0 m")
-        for field in FIELDS:
-            values, bound = getattr(self, field), FASTEST if field in ("u", "v") else np.inf
-            if values is None or all_finite(values, bound):
+        for field, values in self.fields.items():
+            bound = FASTEST if field in ("u", "v") else np.inf
+            if all_finite(values, bound):
                 continue
             wrong = ~(np.abs(values) < bound) & self.grid.wet
             if wrong.any():

@@ -1,8 +1,7 @@
 """Forces other than contacts: the equation of a new force goes here, and only here.
 
-A force is a law (a few numbers), what it needs at each floe (`at_floes`), its acceleration with the exact
-derivative in the velocity (`acceleration`), and a bound on its rate (`add_fastest_rate`).  All forces of a scene act
-together in one linearly implicit step,
+A force is a law (a few numbers), the fields that it reads at the floes (`READS`), and its acceleration with the exact
+derivative in the velocity (`acceleration`).  All forces of a scene act together in one linearly implicit step,
 
     (1 − Δt/2 Σ J) δu = Δt Σ a(u),        J = ∂a/∂u,
 
@@ -100,6 +99,20 @@ ACCOUNTS: dict[type, str] = {  # of each force, its line in the ledger
     BodyForce: "body force",
 }
 
+# A force at the floes is a table, a column for each floe, with as many of these rows as the force has use for:
+# impulse [N s] and work [J] given to the floe in this exchange; velocity of the fluid [m/s], or slope of
+# the sea surface [1]; K/m [1/m] of drag; half the curl of the fluid [1/s] and K/J [1] of its torque.
+X, Y, WORK, FLUID_U, FLUID_V, RATE, HALF_CURL, SPIN_RATE = range(8)
+PARAMETER = 3  # the Coriolis parameter [1/s], instead of a fluid
+
+# Of each force the fluid that it reads, and its fields by the rows that they come to.
+READS: dict[type, tuple[str, dict[str, int]]] = {
+    OceanDrag: ("ocean", {"u": FLUID_U, "v": FLUID_V}),
+    AirDrag: ("atmosphere", {"u": FLUID_U, "v": FLUID_V}),
+    CoriolisField: ("ocean", {"coriolis": PARAMETER}),
+    Tilt: ("ocean", {"tilt_x": FLUID_U, "tilt_y": FLUID_V}),
+}
+
 DRAG_PRESETS: dict[str, tuple[OceanDrag, AirDrag]] = {
     # as printed, Eqs 12 and 13
     "damsgaard2018": (OceanDrag(), AirDrag()),
@@ -121,13 +134,6 @@ def bulk_coefficient(drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.nda
 # ---- what a force needs at each floe ----------------------------------------------------------------
 
 
-# A force at the floes is a table, a column for each floe, with as many of these rows as the force has use for:
-# impulse [N s] and work [J] given to the floe in this exchange; velocity of the fluid [m/s], or slope of
-# the sea surface [1]; K/m [1/m] of drag; half the curl of the fluid [1/s] and K/J [1] of its torque.
-X, Y, WORK, FLUID_U, FLUID_V, RATE, HALF_CURL, SPIN_RATE = range(8)
-PARAMETER = 3  # the Coriolis parameter [1/s], instead of a fluid
-
-
 def at_floes(
     force: Force,
     radius: np.ndarray,
@@ -143,19 +149,40 @@ def at_floes(
     -------
     Array of shape (rows, n); the rows are X, Y, WORK and those that the force reads.
     """
-    drag = isinstance(force, OceanDrag | AirDrag)
-    rows = {Tilt: FLUID_V, CoriolisField: PARAMETER}.get(type(force), WORK)
-    if drag:
-        rows = SPIN_RATE if rotation else RATE
-    at = np.zeros((rows + 1, len(radius)))
-    if drag:
-        side = draft if isinstance(force, OceanDrag) else thickness - draft
-        mass_per_area = np.where(land, np.inf, ice_density * thickness)
-        at[RATE] = force.density * bulk_coefficient(force, radius, side) / mass_per_area
-        if rotation:  # eqs. ocean-torque, air-torque, over J = m r²/2
-            arm = radius * force.horizontal / 5 + side * force.vertical
-            at[SPIN_RATE] = 2 * force.density * arm / mass_per_area
+    _, fields = READS.get(type(force), ("", {}))
+    mass_per_area = np.where(land, np.inf, ice_density * thickness)
+    known = each_floe(force, radius, thickness, draft, mass_per_area)[: 2 if rotation else 1]
+    last = max(fields.values(), default=WORK)
+    if known:
+        last = SPIN_RATE if len(known) > 1 else RATE
+    at = np.zeros((last + 1, len(radius)))
+    for row_of, values in zip((RATE, SPIN_RATE), known, strict=False):
+        at[row_of] = values
     return at
+
+
+@dispatched
+def each_floe(force, radius, thickness, draft, mass_per_area):
+    """What a force keeps of each floe, for its rows RATE and, where floes turn, SPIN_RATE: of drag K/m [1/m] and K/J [1]."""
+    return ()
+
+
+@each_floe.register
+def _(force: OceanDrag, radius, thickness, draft, mass_per_area):
+    return _rates(force, radius, draft, mass_per_area)
+
+
+@each_floe.register
+def _(force: AirDrag, radius, thickness, draft, mass_per_area):
+    return _rates(force, radius, thickness - draft, mass_per_area)
+
+
+def _rates(force, radius, side, mass_per_area):
+    arm = radius * force.horizontal / 5 + side * force.vertical
+    return (
+        force.density * bulk_coefficient(force, radius, side) / mass_per_area,
+        2 * force.density * arm / mass_per_area,  # eqs. ocean-torque, air-torque, over J = m r²/2
+    )
 
 
 # ---- the laws in the kernel -------------------------------------------------------------------------
@@ -284,10 +311,27 @@ def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: floa
             push += force.gravity * _fastest(tables[Tilt])
         elif isinstance(force, BodyForce):
             push += float(np.hypot(force.x, force.y))
+        elif type(force) not in _AT_REST:
+            push += _largest_push(force, tables[type(force)])
     driven = -1.0 if ocean is None else _driven(ocean, air, push)
     if driven < 0.0:
         return max(speed, wind)
     return max(speed, _fastest(ocean)) + (driven if push else min(driven, wind))
+
+
+# What does not push floes at rest: drag has bounds of its own.
+_AT_REST = OceanDrag, AirDrag, Coriolis, CoriolisField
+
+
+@in_place
+def _largest_push(force, at):
+    """Largest acceleration of floes at rest by a force [m/s²]."""
+    largest2 = 0.0
+    for block in range(at.shape[0]):
+        for k in range(BLOCK):
+            a = acceleration(force, at[block], k, 0.0, 0.0)
+            largest2 = max(largest2, a.x * a.x + a.y * a.y)
+    return np.sqrt(largest2)
 
 
 @in_place
@@ -344,6 +388,21 @@ def add_fastest_rate(
         rate += TURN * abs(force.parameter)
     elif isinstance(force, CoriolisField):
         rate += TURN * np.abs(at[:, PARAMETER * BLOCK :])
+    elif not isinstance(force, Tilt | BodyForce):
+        _add_rate_at(force, at, speed, rate)
+
+
+@in_place
+def _add_rate_at(force, at, speed, rate):
+    """Add |J| of a force at this speed along each axis, the largest of four."""
+    for block in range(at.shape[0]):
+        here, fastest = at[block], rate[block]
+        for k in range(BLOCK):
+            largest2 = 0.0
+            for u, v in ((speed, 0.0), (-speed, 0.0), (0.0, speed), (0.0, -speed)):
+                a = acceleration(force, here, k, u, v)
+                largest2 = max(largest2, a.xx * a.xx + a.xy * a.xy + a.yx * a.yx + a.yy * a.yy)
+            fastest[k] += np.sqrt(largest2)
 
 
 @in_place

@@ -40,28 +40,24 @@ from floebmi.boundaries import (
     walls_of_state,
 )
 from floebmi.budgets import Ledger
-from floebmi.contact import Contact, check_bonds, memories, own, prepare, turns
+from floebmi.contact import Contact, check_contact, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, choose
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.fluid import Fluid
 from floebmi.forces import (
     ACCOUNTS,
-    FLUID_U,
-    FLUID_V,
     HALF_CURL,
-    PARAMETER,
     RATE,
+    READS,
     SPIN_RATE,
     AirDrag,
-    BodyForce,
     Coriolis,
-    CoriolisField,
     Force,
     OceanDrag,
-    Tilt,
     X,
     Y,
+    acceleration,
     at_floes,
     bulk_coefficient,
     by_block,
@@ -246,12 +242,16 @@ class Model:
 
     def _make_fluids(self, atmosphere_grid: Grid) -> None:
         """The fluids that the forces read, at rest."""
-        kinds = {type(force) for force in self.forces}
+        read: dict[str, list[str]] = {}
+        for force in self.forces:
+            if type(force) in READS:
+                name, fields = READS[type(force)]
+                read.setdefault(name, []).extend(fields)
         self.ocean = self.atmosphere = None
-        if kinds & {OceanDrag, Tilt, CoriolisField}:
-            self.ocean = Fluid(self.grid, True, Tilt in kinds, CoriolisField in kinds)
-        if AirDrag in kinds:
-            self.atmosphere = Fluid(atmosphere_grid)
+        if "ocean" in read:
+            self.ocean = Fluid(self.grid, read["ocean"], ocean=True)
+        if "atmosphere" in read:
+            self.atmosphere = Fluid(atmosphere_grid, read["atmosphere"])
         fluids = {"ocean": self.ocean, "atmosphere": self.atmosphere}
         self._fluids = {name: fluid for name, fluid in fluids.items() if fluid is not None}
         for grid in dict.fromkeys((self.grid, atmosphere_grid)):
@@ -298,6 +298,10 @@ class Model:
             if type(force) not in ACCOUNTS:
                 names = ", ".join(kind.__name__ for kind in ACCOUNTS)
                 raise InputError(f"forces: {force!r} is not a force; allowed: {names}")
+            if type(force) not in acceleration.registry:
+                raise InputError(
+                    f"forces: {force!r} has no acceleration; register one for {type(force).__name__}"
+                )
         names = [type(force).__name__ for force in self.forces]
         for name in set(names):
             if names.count(name) > 1:
@@ -312,7 +316,7 @@ class Model:
             )
         check(self.forces)
         check([self.contact])
-        check_bonds(self.contact)
+        check_contact(self.contact)
         if self.sampling not in ("overlap", "centre"):
             raise InputError(
                 f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"
@@ -595,14 +599,10 @@ class Model:
                 dry = without_cell(weights[grid])
                 dry = np.flatnonzero(dry[order]) if dry.any() else np.empty(0, np.int64)
                 nowhere[grid] = np.divmod(dry, BLOCK)
-            if isinstance(force, CoriolisField):
-                reads[grid] += [(fluid.coriolis, lanes(at, PARAMETER))]
+            _, fields = READS[type(force)]
+            reads[grid] += [(fluid.fields[name], lanes(at, row)) for name, row in fields.items()]
+            if not isinstance(force, OceanDrag | AirDrag):
                 continue
-            if isinstance(force, Tilt):
-                slopes = fluid.tilt_x, fluid.tilt_y
-                reads[grid] += zip(slopes, (lanes(at, FLUID_U), lanes(at, FLUID_V)), strict=True)
-                continue
-            reads[grid] += [(fluid.u, lanes(at, FLUID_U)), (fluid.v, lanes(at, FLUID_V))]
             lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
             if self.floes.rotation:
                 reads[grid] += [(fluid.half_curl(), lanes(at, HALF_CURL))]
@@ -612,9 +612,8 @@ class Model:
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
-        if isinstance(force, OceanDrag | Tilt | CoriolisField):
-            return self.ocean
-        return self.atmosphere if isinstance(force, AirDrag) else None
+        name, _ = READS.get(type(force), ("", {}))
+        return self._fluids.get(name)
 
     def _book_forces(self) -> None:
         """The impulse and the work of each force are an account of the ledger."""
@@ -1025,7 +1024,7 @@ class Model:
 
     def absent(self) -> list[str]:
         """What this model leaves out: neither code nor memory."""
-        c, kinds = self.contact, {type(force) for force in self.forces}
+        c, listed = self.contact, {ACCOUNTS[type(force)] for force in self.forces}
         left_out = [
             ("contacts", c is None),
             ("friction", c is not None and c.friction is None),
@@ -1033,11 +1032,7 @@ class Model:
             ("dashpots", c is not None and c.dashpot is None),
             ("compressive failure", c is not None and c.failure is None),
             ("rotation", not self.floes.rotation),
-            ("ocean drag", OceanDrag not in kinds),
-            ("wind", AirDrag not in kinds),
-            ("Coriolis", not kinds & {Coriolis, CoriolisField}),
-            ("sea-surface tilt", Tilt not in kinds),
-            ("body force", BodyForce not in kinds),
+            *((name, name not in listed) for name in dict.fromkeys(ACCOUNTS.values())),
             ("walls", not len(self._state.walls)),
             ("inflow", not self.inflow),
         ]

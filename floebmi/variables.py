@@ -40,7 +40,7 @@ class Variable(NamedTuple):
     intent : "in": a host sets it; "out": computed; "restart": part of the floes' state
     dtype : NumPy name of the type
     valid : when the value means something
-    home : for "in", where its array lives in the model, as a dotted attribute; empty for what is computed
+    home : for "in", where its array lives in the model: fluid.field; empty for what is computed
     needs_ice : 0 in memory, missing in files, where there is no ice
     mean : the CF `cell_methods` of its value in a file
     """
@@ -68,8 +68,9 @@ class Variable(NamedTuple):
 
     def array_in(self, model: "Model") -> "np.ndarray | None":
         """The array of a model that holds an input, None where the model does not read it."""
-        fluid, _, name = self.home.partition(".")
-        return getattr(getattr(model, fluid), name, None)
+        name, _, field = self.home.partition(".")
+        fluid = getattr(model, name)
+        return None if fluid is None else fluid.fields.get(field)
 
 
 class Axis(NamedTuple):

@@ -1,3 +1,5 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -5,11 +7,13 @@ from pydantic import TypeAdapter, ValidationError
 from scipy import stats
 
 from floebmi.errors import InputError
+from floebmi.scene_floes import _SIZE_LAWS
 from floebmi.sizes import (
     Empirical,
     Histogram,
     PowerLaw,
     SingleSize,
+    Sizes,
     UniformSize,
     check_sizes,
     from_file,
@@ -63,6 +67,11 @@ def test_empirical_sizes_are_those_that_were_measured():
     values, counts = np.unique(radii, return_counts=True)
     np.testing.assert_array_equal(values, [1.0, 2.0, 4.0])
     assert stats.chisquare(counts).pvalue > 0.01
+
+
+def test_no_distribution_is_forgotten_here_or_in_a_scene():
+    assert {type(one) for one in ALL} == set(get_args(Sizes))
+    assert set(_SIZE_LAWS.values()) == set(get_args(Sizes)) - {Empirical}  # which a file has
 
 
 @pytest.mark.parametrize("sizes", ALL, ids=str)
