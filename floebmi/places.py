@@ -359,7 +359,8 @@ def place_of(
     if net is None:
         raise InputError(
             f"{where}: where its points are is not said: it has neither longitude and latitude nor x"
-            " and y along these dimensions"
+            " and y along these dimensions that go by a standard_name, units (degrees_east) or a well-known name: set"
+            " those in the file, or name the file that has them along with this one"
         )
     lon, lat, names = net
     plane = _needed(projection or (mapping.projection if mapping else None), where, lon, lat)
@@ -369,7 +370,13 @@ def place_of(
 
 
 def _values(array: xr.DataArray) -> np.ndarray:
-    return np.asarray(array.values, float)
+    """Of a coordinate, in degrees where it is an angle; longitudes of more than one turn and a half, as HYCOM has, are brought back."""
+    values = np.asarray(array.values, float)
+    if str(array.attrs.get("units", "")).lower().startswith("rad"):
+        values = np.degrees(values)
+    if role(str(array.name), array) == "lon" and (far := np.abs(values) > 540).any():
+        values = values - far * 360 * np.floor(values / 360)
+    return values
 
 
 def _falls(array: xr.DataArray) -> bool:
@@ -399,7 +406,7 @@ def _point(file: File, array: xr.DataArray) -> tuple[float | None, float | None]
     for name, variable in file.data.variables.items():
         what = role(str(name), variable)
         if variable.size == 1 and what in ("lon", "lat"):
-            place[what] = float(np.asarray(variable.values).reshape(()))
+            place[what] = float(_values(file.data[name]).reshape(()))
     return place.get("lon"), place.get("lat")
 
 
@@ -412,7 +419,9 @@ def _lonlat_net(
     for name, variable in file.data.variables.items():
         what = role(str(name), variable)
         wide = [d for d in variable.dims if variable.sizes[d] > 1 or d in dims]
-        if what in pairs and sorted(wide) == sorted(dims):
+        # WRF writes them for each record
+        plain = [d for d in wide if d in dims or not _is_time(file, str(d))]
+        if what in pairs and sorted(plain) == sorted(dims):
             pairs[what].append(str(name))
     for what, names in pairs.items():  # those that the variable itself names come first
         names.sort(key=lambda name: (name not in named, name.lower() not in COORDINATES[what]))
@@ -427,8 +436,21 @@ def _lonlat_net(
     return lon, lat, f"{pairs['lat'][0]}, {pairs['lon'][0]}"
 
 
+def _is_time(file: File, dim: str) -> bool:
+    found = coordinate(file, dim)
+    return found is not None and role(*found) == "time"
+
+
 def _flat_net(array: xr.DataArray, dims: tuple[str, ...]) -> np.ndarray:
-    return _values(array.isel({d: 0 for d in array.dims if d not in dims}).transpose(*dims))
+    first, last = (
+        _values(array.isel({d: k for d in array.dims if d not in dims}).transpose(*dims))
+        for k in (0, -1)
+    )
+    if not np.array_equal(first, last, equal_nan=True):
+        raise InputError(
+            f"{array.name}: changes with time: a grid that moves is not read; interpolate to one at rest first"
+        )
+    return first
 
 
 def _mapping(file: File, array: xr.DataArray, given: str | None) -> Mapping | None:
