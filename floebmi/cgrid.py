@@ -131,10 +131,11 @@ def find_centres(
             raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
         # Of two files that do not say where their points are, none tells whether they are the same points.
         others = files if u.file is v.file or stagger == "none" else ()
-        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options, others))
+        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options, others, files))
     taken = [(u.file, u.dims), (v.file, v.dims)] if apart else []
     problem: InputError | None = None
-    for file, array, dims in [(u.file, u.array, (u.rows, v.columns)), *_nets(files, u)]:
+    axes = [(file, u.array, (u.rows, v.columns)) for file in (u.file, *files)]
+    for file, array, dims in [*axes, *_nets(files, u)]:
         if any(file is f and set(dims) == set(d) for f, d in taken):
             continue
         if not all(d in file.data.sizes for d in dims):

@@ -282,6 +282,10 @@ class VelocityFile:
         )
         self.covered = np.diff(rows.indptr) > 0
         angle, axes = self._angle(centres, found.word, vectors, box)
+        if np.isnan(angle.ravel()[rows.indices]).any():
+            raise InputError(
+                f"{self._label}: the direction of {axes} is not known at all points in use"
+            )
         turn = sparse.diags(np.exp(1j * np.nan_to_num(angle.ravel())))
         turned = sparse.diags(grid.wet.astype(float)) @ rows @ turn
         self._matrix = sparse.hstack([turned @ to_u, 1j * turned @ to_v], format="csr")

@@ -293,6 +293,7 @@ def place_of(
     position: Position = "auto",
     file_projection: str | None = None,
     others: Sequence[File] = (),
+    mappings: Sequence[File] = (),
 ) -> Place:
     """Where the points of a variable's horizontal dimensions (rows, columns) are.
 
@@ -305,7 +306,8 @@ def place_of(
         themselves longitude and latitude, but differ so from those in 2-D, they are nominal (a tripolar grid's):
         "mapping" takes the axes, "auto" those in 2-D, with a warning
     file_projection : the projection of the file's x, y, where the file does not say it (or says it wrong)
-    others : files that may hold the places, where `file` does not
+    others : files that may hold the places and the grid mapping, where `file` does not
+    mappings : more files that may hold the grid mapping
 
     Raises
     ------
@@ -338,7 +340,11 @@ def place_of(
             plane = _needed(projection, where, columns, rows)
             text = f"{rows.size} × {columns.size} lat, lon"
             return Axes(where, rows, columns, None, plane, True, text)
-    mapping = _mapping(file, array, file_projection) if roles == ("y", "x") else None
+    mapping = (
+        _mapping([file, *others, *mappings], array, file_projection)
+        if roles == ("y", "x")
+        else None
+    )
     if position == "mapping" and mapping is None:
         raise InputError(f"{where}: position = 'mapping', but it has no x, y with a projection")
     if position == "lonlat" and net is None:
@@ -370,13 +376,9 @@ def place_of(
 
 
 def _values(array: xr.DataArray) -> np.ndarray:
-    """Of a coordinate, in degrees where it is an angle; longitudes of more than one turn and a half, as HYCOM has, are brought back."""
+    """The values of a coordinate, in degrees where it is in radians."""
     values = np.asarray(array.values, float)
-    if str(array.attrs.get("units", "")).lower().startswith("rad"):
-        values = np.degrees(values)
-    if role(str(array.name), array) == "lon" and (far := np.abs(values) > 540).any():
-        values = values - far * 360 * np.floor(values / 360)
-    return values
+    return np.degrees(values) if str(array.attrs.get("units")).lower()[:3] == "rad" else values
 
 
 def _falls(array: xr.DataArray) -> bool:
@@ -453,15 +455,16 @@ def _flat_net(array: xr.DataArray, dims: tuple[str, ...]) -> np.ndarray:
     return first
 
 
-def _mapping(file: File, array: xr.DataArray, given: str | None) -> Mapping | None:
-    """The projection of a variable's x, y: as given, or from its grid mapping."""
+def _mapping(files: Sequence[File], array: xr.DataArray, given: str | None) -> Mapping | None:
+    """The projection of a variable's x, y: as given, or from its grid mapping in the first file that has it."""
     if given is not None:
         return Mapping(check_projection(given), "file_projection as told")
     import pyproj
 
-    name = _mapping_name(file, array)
-    if name is None:
+    found = [(f, name) for f in files if (name := _mapping_name(f, array)) is not None]
+    if not found:
         return None
+    file, name = found[0]
     attrs = file.data[name].attrs
     key = next((k for k in _PROJ_STRINGS if attrs.get(k)), None)
     try:
