@@ -205,8 +205,15 @@ def _find(wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
 
 
 def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
-    factor = fraction_factor(units or part.array.attrs.get("units"), part.label)
-    return _bounded(part.label, factor * _interpolated(part, on, scale=factor, top=1.0), 1.0)
+    said = units or part.array.attrs.get("units")
+    factor = fraction_factor(said, part.label)
+    values = factor * _interpolated(part, on, scale=factor, top=1.0)
+    if is_percent(said) and 0 < values.max() <= 0.01:
+        warnings.warn(
+            f"{part.label}: units = {said!r}, but nowhere is it more than {100 * values.max():.2g}: is it a fraction of 1?",
+            stacklevel=3,
+        )
+    return _bounded(part.label, values, 1.0)
 
 
 def _thickness_of(found: Field) -> str:

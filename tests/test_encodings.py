@@ -11,6 +11,7 @@ from floebmi.forcing import VelocityFile
 from floebmi.grid import Grid
 from floebmi.projection import to_lonlat, to_plane
 from floebmi.scalars import read_scalar
+from floebmi.scene import Curvilinear, Unstructured
 
 PLANE = "+proj=laea +lat_0=75 +lon_0=5 +datum=WGS84"
 GRID = Grid.uniform((-60e3, 60e3), (-60e3, 60e3), shape=(4, 4))
@@ -390,6 +391,11 @@ def test_a_fraction_may_be_said_in_many_ways(units):
     assert read_scalar(data, "area_fraction", GRID, PLANE) == pytest.approx(0.5)
 
 
+def test_a_fraction_of_one_that_is_said_to_be_percent_is_warned_of():
+    with pytest.warns(UserWarning, match="siconc: units = '%', but nowhere is it more than 0.9"):
+        read_scalar(ice(0.9, units="%"), "area_fraction", GRID, PLANE)
+
+
 # ------------------------------------------------------------------------------------------------ masks
 
 
@@ -408,3 +414,47 @@ def test_a_mask_that_says_that_one_is_land_is_believed(attributes):
     data = ice(LAND.astype(float), **attributes).rename(siconc="mask")
     land = read_scalar(data, "land_fraction", GRID, PLANE)
     assert land.reshape(4, 4)[1, 0] == 0.0 and land.max() > 0.5
+
+
+# ---------------------------------------------------------------------------------------- cells of a grid
+
+
+def corners(path, missing=None, **attributes):
+    x, y = np.meshgrid(np.arange(0.0, 5e3, 1e3), np.arange(0.0, 4e3, 1e3))
+    per_unit = {"km": 1e-3}.get(attributes.get("units"), 1.0)
+    with netCDF4.Dataset(path, "w") as file:
+        file.createDimension("j", 4), file.createDimension("i", 5)
+        for name, values in (("x_corners", x), ("y_corners", y)):
+            variable = file.createVariable(name, "f8", ("j", "i"), fill_value=-9999.0)
+            variable.setncatts(attributes)
+            variable[:] = np.ma.masked_equal(values * per_unit, missing)
+
+
+def test_corners_of_a_grid_may_be_in_kilometres(tmp_path):
+    for units in ({}, {"units": "m"}, {"units": "km"}):
+        corners(tmp_path / "grid.nc", **units)
+        grid = Curvilinear(file="grid.nc").build(None, tmp_path)
+        np.testing.assert_allclose(grid.area, 1e6, rtol=1e-12)
+
+
+def test_corners_that_are_degrees_or_missing_are_refused(tmp_path):
+    corners(tmp_path / "grid.nc", units="degrees_east")
+    with pytest.raises(InputError, match="x_corners: units = 'degrees_east'; must be a length"):
+        Curvilinear(file="grid.nc").build(None, tmp_path)
+    corners(tmp_path / "grid.nc", missing=2000.0)
+    with pytest.raises(InputError, match=r"x_corners\[0, 2\] = nan: must be finite"):
+        Curvilinear(file="grid.nc").build(None, tmp_path)
+
+
+@pytest.mark.parametrize("first, empty", [(0, -1), (1, -1), (0, 999), (1, 0)])
+def test_nodes_of_cells_are_counted_from_where_the_file_says(tmp_path, first, empty):
+    with netCDF4.Dataset(tmp_path / "mesh.nc", "w") as file:
+        for name, n in (("node", 5), ("face", 2), ("corner", 4)):
+            file.createDimension(name, n)
+        for name, values in (("node_x", [0, 1, 1, 0, 2]), ("node_y", [0, 0, 1, 1, 0])):
+            file.createVariable(name, "f8", ("node",))[:] = values
+        faces = file.createVariable("face_nodes", "i4", ("face", "corner"), fill_value=empty)
+        faces.start_index = first
+        faces[:] = [[k + first for k in (0, 1, 2, 3)], [*(k + first for k in (1, 4, 2)), empty]]
+    grid = Unstructured(kind="unstructured", file="mesh.nc").build(None, tmp_path)
+    np.testing.assert_allclose(grid.area, [1.0, 0.5])
