@@ -42,9 +42,10 @@ _ALIKE = {
 _DATE = re.compile(
     r"-?\d{4,}-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?)?( ?(Z|UTC|[+-]\d\d(:?\d\d)?))?"
 )
-# The same of a date that numbers count from, which may be of any year; times of days without minutes are not among them.
+# The same of a date that numbers count from, which may be of any year.
 _REFERENCE = re.compile(
-    r"[-+]?\d{1,}-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d*)?)?)?( ?(Z|UTC|GMT|[+-]\d\d(:?\d\d)?))?"
+    r"[-+]?\d+-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d*)?)?)?( ?(Z|UTC|GMT|[+-]\d\d(:?\d\d)?))?",
+    re.IGNORECASE,
 )
 
 

@@ -110,6 +110,7 @@ def _valid(array: xr.DataArray, values: np.ndarray) -> np.ndarray:
 def _valid_range(array: xr.DataArray) -> tuple[float, float]:
     """Lowest and highest valid value, ∓inf where attributes do not say; whole numbers are limits of packed values."""
     attrs, told = array.attrs, array.encoding
+    step = float(told.get("scale_factor", 0.0))
 
     def limit(said: object, without: float) -> float:
         one = np.squeeze(np.asarray(said))
@@ -117,16 +118,20 @@ def _valid_range(array: xr.DataArray) -> tuple[float, float]:
             return without
         if one.dtype.kind == "f":
             return float(one)
-        whole = int(one) % 256**one.itemsize if told.get("_Unsigned") == "true" else int(one)
-        return whole * float(told.get("scale_factor", 1.0)) + float(told.get("add_offset", 0.0))
+        whole = (
+            int(one) % 256**one.itemsize
+            if str(told.get("_Unsigned")).lower() == "true"
+            else int(one)
+        )
+        return whole * (step or 1.0) + float(told.get("add_offset", 0.0))
 
     both = np.ravel(attrs.get("valid_range", ()))
     said = both if both.size == 2 else (attrs.get("valid_min"), attrs.get("valid_max"))
     low, high = limit(said[0], -np.inf), limit(said[1], np.inf)
     if not low < high:
         return -np.inf, np.inf
-    # as numbers of another type than the values limits are rounded
-    return low - 1e-6 * abs(low), high + 1e-6 * abs(high)
+    # values are rounded by packing, and limits as numbers of another type than the values
+    return low - 1e-6 * abs(low) - step / 2, high + 1e-6 * abs(high) + step / 2
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -466,9 +471,7 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
         by_name = {"time"} if dim.lower() in _TIME else set()
         roles[dim] = role(*found) if found else next(iter(by_name), None)
     times = [d for d in sizes if roles[d] == "time" and d not in fixed]
-    time = max(
-        times, key=lambda d: sizes[d] > 1, default=None
-    )  # beside one forecast's date its hours
+    time = max(times, key=lambda d: sizes[d] > 1, default=None)  # not the one date of a forecast
     for dim in sizes:
         if roles[dim] == "vertical" and dim not in fixed:
             fixed[dim] = _level(file, dim, depth, where)
@@ -485,8 +488,9 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
             " trajectories are not read; interpolate to rows and columns first"
         )
     if len(rest) > 2:
+        more = next((d for d in rest if roles[d] not in ("lon", "lat", "x", "y")), rest[0])
         raise InputError(
-            f"{where}: which of {', '.join(rest)} is meant? choose with select = {{ {rest[0]} = 0 }}, say"
+            f"{where}: which of {', '.join(rest)} is meant? choose with select = {{ {more} = 0 }}, say"
         )
     if rest and roles[rest[0]] in ("lon", "x") and roles[rest[1]] in ("lat", "y"):
         rest.reverse()

@@ -444,14 +444,14 @@ def _is_time(file: File, dim: str) -> bool:
 
 
 def _flat_net(array: xr.DataArray, dims: tuple[str, ...]) -> np.ndarray:
-    first, last = (
-        _values(array.isel({d: k for d in array.dims if d not in dims}).transpose(*dims))
-        for k in (0, -1)
-    )
-    if not np.array_equal(first, last, equal_nan=True):
-        raise InputError(
-            f"{array.name}: changes with time: a grid that moves is not read; interpolate to one at rest first"
-        )
+    rest = [d for d in array.dims if d not in dims]
+    first = _values(array.isel(dict.fromkeys(rest, 0)).transpose(*dims))
+    if any(array.sizes[d] > 1 for d in rest):
+        last = _values(array.isel(dict.fromkeys(rest, -1)).transpose(*dims))
+        if not np.array_equal(first, last, equal_nan=True):
+            raise InputError(
+                f"{array.name}: changes with time: a grid that moves is not read; interpolate to one at rest first"
+            )
     return first
 
 

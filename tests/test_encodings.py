@@ -215,6 +215,15 @@ def test_the_same_currents_give_the_same_run(tmp_path, way):
     np.testing.assert_allclose(read(tmp_path / "currents.nc"), REFERENCE, rtol=0, atol=rounding)
 
 
+def test_packing_may_round_beyond_the_greatest_valid_value():
+    data = plain()
+    for name in NAMES:
+        data[name].values[:] = 0.3
+        data[name].attrs["valid_max"] = 0.2996
+        data[name].encoding["scale_factor"] = 1e-3
+    np.testing.assert_allclose(np.abs(read(data)), np.hypot(0.3, 0.3), rtol=1e-4)
+
+
 def in_two_files(turned):
     """u in one file, v in another; or three on a C grid, of which each has dimensions of its own."""
 
