@@ -434,6 +434,21 @@ def with_same_points(file: File, files: Sequence[File], dims: Sequence[str]) -> 
     return [file, *(f for f in others if sizes.items() <= dict(f.data.sizes).items())]
 
 
+def refuse_other_points(file: File, other: File, dims: Sequence[str]) -> None:
+    """InputError if what another file has along `dims` is of other places, by the coordinates of both."""
+    for dim in dims if other is not file else ():
+        if not (dim in file.data.variables and dim in other.data.variables):
+            continue
+        one, two = file.data[dim].values, other.data[dim].values
+        if one.dtype.kind not in "iuf" or two.dtype.kind not in "iuf" or one.size < 2:
+            continue
+        if not np.allclose(one, two, rtol=0, atol=0.01 * float(np.abs(np.diff(one)).mean())):
+            raise InputError(
+                f"{file.label} and {other.label}: their {dim!r} differ, {one[0]:g} … {one[-1]:g} and {two[0]:g} … {two[-1]:g}:"
+                " points of the same index must be of the same place"
+            )
+
+
 def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
     """The variable that says what the points along a dimension are, or None."""
     if dim in file.data.variables:
@@ -490,7 +505,7 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
     if len(rest) > 2:
         more = next((d for d in rest if roles[d] not in ("lon", "lat", "x", "y")), rest[0])
         raise InputError(
-            f"{where}: which of {', '.join(rest)} is meant? choose with select = {{ {more} = 0 }}, say"
+            f"{where}: which of {', '.join(rest)} is meant? choose with select = {{ {more} = 0 }}, an index (-1: the last)"
         )
     if rest and roles[rest[0]] in ("lon", "x") and roles[rest[1]] in ("lat", "y"):
         rest.reverse()
@@ -504,14 +519,14 @@ def _level(file: File, dim: str, depth: float, where: str) -> int:
         return 0
     if found is None or found[1].dims != (dim,):
         raise InputError(
-            f"{where}: levels {dim!r} have no depths: choose with select = {{ {dim} = 0 }}, say"
+            f"{where}: levels {dim!r} have no depths: choose with select = {{ {dim} = 0 }}, an index (-1: the last)"
         )
     name, levels = found
     scale = LENGTHS.get(str(levels.attrs.get("units", "")).lower().strip())
     if scale is None and depth != 0:
         raise InputError(
             f"{where}: depth = {depth:g} m, but levels {name!r} are not in metres: choose with"
-            f" select = {{ {dim} = 0 }}, say"
+            f" select = {{ {dim} = 0 }}, an index (-1: the last)"
         )
     return int(np.argmin(np.abs(np.abs(levels.values.astype(float)) * (scale or 1.0) - depth)))
 

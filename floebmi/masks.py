@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import Box, File, is_percent, with_same_points
+from floebmi.fields import Box, File, is_percent, refuse_other_points, with_same_points
 
 _STANDARD = {
     "sea_binary_mask": 1.0, "sea_area_fraction": 1.0,
@@ -97,6 +97,8 @@ def choose_mask(
     names = None if mask == "auto" else (mask,)
     candidates = (find_mask(f, dims, names) for f in with_same_points(file, files, dims))
     found = next((m for m in candidates if m is not None), None)
+    if found is not None:
+        refuse_other_points(file, found.file, dims)
     if found is None and mask != "auto":
         fitting = [str(n) for n, a in file.data.data_vars.items() if set(a.dims) == set(dims)]
         raise InputError(

@@ -22,6 +22,7 @@ from floebmi.fields import (
     File,
     coordinate,
     length_factor,
+    refuse_other_points,
     role,
     with_same_points,
 )
@@ -325,7 +326,9 @@ def place_of(
     files = with_same_points(file, others, dims)
     found = [next(filter(None, (coordinate(f, d) for f in files)), None) for d in dims]
     roles = tuple(role(*f) if f else None for f in found)
-    net = next(filter(None, (_lonlat_net(f, array, dims) for f in files)), None)
+    nets = ((f, _lonlat_net(f, array, dims)) for f in files)
+    holder, net = next(((f, n) for f, n in nets if n is not None), (file, None))
+    refuse_other_points(file, holder, dims)
     if roles == ("lat", "lon") and not _rotated(file, array):
         rows, columns = (_values(f[1]) for f in found)
         if position == "mapping" or not _nominal(file.label, rows, columns, net, position):

@@ -246,6 +246,16 @@ def test_u_and_v_may_stand_in_two_files_but_not_upside_down(tmp_path):
         read(in_two_files(True)(tmp_path / "u.nc"))
 
 
+def test_a_mask_in_another_file_must_be_of_the_same_points(tmp_path):
+    wet = ice(~LAND * 1.0).rename(siconc="wet")
+    plain().fillna(0.0).to_netcdf(tmp_path / "uv.nc")
+    for name, step in (("mask", 1), ("turned", -1)):
+        wet.isel(lat=slice(None, None, step)).to_netcdf(tmp_path / f"{name}.nc")
+    np.testing.assert_array_equal(read([tmp_path / "uv.nc", tmp_path / "mask.nc"]), REFERENCE)
+    with pytest.raises(InputError, match="their 'lat' differ, 73 … 77 and 77 … 73: points of the"):
+        read([tmp_path / "uv.nc", tmp_path / "turned.nc"])
+
+
 def test_of_a_staggered_grid_u_v_and_the_centres_may_each_stand_in_a_file(tmp_path):
     half = {"lon": 0.25, "lat": 0.125}
     at = {"c": (LAT, LON), "u": (LAT, LON[1:] - half["lon"]), "v": (LAT[1:] - half["lat"], LON)}
