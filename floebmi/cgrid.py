@@ -33,6 +33,7 @@ Offsets = tuple[int, ...]  # the faces of centre c are c + offset
 _OFFSETS: dict[str, Offsets] = {"before": (0, 1), "after": (-1, 0), "none": (0,)}
 _CENTRE = r"rho|grid_t|_t$|glamt|xc|tlon|geolon$"
 _NOT_CENTRE = r"psi|_[fuv]$|grid_[fuvw]|[_xy]g$|glam[fuv]"
+_ON_FACES = ("vozocrtx", "sozocrtx")
 _SAMPLE = 40
 
 
@@ -131,7 +132,14 @@ def find_centres(
             raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
         # Of two files that do not say where their points are, none tells whether they are the same points.
         others = files if u.file is v.file or stagger == "none" else ()
-        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options, others, files))
+        place = place_of(u.file, u.array, u.dims, *options, others, files)
+        if stagger == "auto" and u.name in _ON_FACES and isinstance(place, Net):
+            warnings.warn(
+                f"{u.label}, {v.name}: as NEMO writes them they lie on the faces of cells, but the file has one place for"
+                " both, where they are taken: say stagger = 'after' if they are on faces, 'none' if not",
+                stacklevel=3,
+            )
+        return Centres(u.file, u.dims, place)
     taken = [(u.file, u.dims), (v.file, v.dims)] if apart else []
     problem: InputError | None = None
     axes = [(file, u.array, (u.rows, v.columns)) for file in (u.file, *files)]

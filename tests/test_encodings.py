@@ -1,5 +1,7 @@
 """The same currents, ice and land in any way that files come in: the same run, or one line that refuses."""
 
+import warnings
+
 import cftime
 import netCDF4
 import numpy as np
@@ -303,6 +305,18 @@ def test_the_grid_mapping_may_stand_in_a_file_of_its_own(tmp_path):
         expected = read(one, start=None)
     np.testing.assert_allclose(expected[0], 1e-6 * (GRID.x + 1j * GRID.y), atol=1e-12)
     np.testing.assert_array_equal(read(three, start=None), expected)
+
+
+def test_names_of_nemo_at_one_place_are_warned_of(tmp_path):
+    in_2d(("nav_lat", "nav_lon"))(tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc") as data:
+        nemo = data.load().rename(uo="vozocrtx", vo="vomecrty")
+    for name in ("vozocrtx", "vomecrty"):
+        del nemo[name].attrs["standard_name"]
+    with pytest.warns(UserWarning, match="vozocrtx, vomecrty: .* say stagger = 'after'"):
+        read(nemo)
+    with warnings.catch_warnings(action="error"):
+        read(nemo, stagger="none", vectors="east-north")
 
 
 # ---------------------------------------------------------------------------------------- what is refused
