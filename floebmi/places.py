@@ -410,8 +410,17 @@ def _point(file: File, array: xr.DataArray) -> tuple[float | None, float | None]
     place = {}
     for name, variable in file.data.variables.items():
         what = role(str(name), variable)
-        if variable.size == 1 and what in ("lon", "lat"):
-            place[what] = float(_values(file.data[name]).reshape(()))
+        if what not in ("lon", "lat"):
+            continue
+        values = _values(file.data[name]).ravel()
+        if values.size > 1 and len(variable.dims) == 1 and _is_time(file, str(variable.dims[0])):
+            if np.nanmax(values) > np.nanmin(values):
+                raise InputError(
+                    f"{file.label}: {array.name}: its {name} changes with time: a trajectory is not read as wind or current"
+                )
+            values = values[:1]
+        if values.size == 1:
+            place[what] = float(values[0])
     return place.get("lon"), place.get("lat")
 
 

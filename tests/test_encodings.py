@@ -160,6 +160,16 @@ def in_cm(data):
     return data
 
 
+def at_one_point(step):
+    """A series with a place for each of its times."""
+
+    def change(data):
+        at = {"lat": ("time", 75 + step * np.arange(4.0)), "lon": ("time", np.full(4, 5.0))}
+        return data.isel(lat=8, lon=14).drop_vars(["lat", "lon"]).assign_coords(at)
+
+    return saved(change)
+
+
 def at_depths(data):
     levels = xr.concat([0.1 * data, 0.5 * data, data], "depth").assign_coords(
         depth=[100.0, 20.0, 1.0]
@@ -215,6 +225,12 @@ def test_the_same_currents_give_the_same_run(tmp_path, way):
     write, rounding = SAME[way]
     write(tmp_path / "currents.nc")
     np.testing.assert_allclose(read(tmp_path / "currents.nc"), REFERENCE, rtol=0, atol=rounding)
+
+
+def test_a_series_may_have_its_place_for_each_time(tmp_path):
+    at_one_point(0.0)(tmp_path / "point.nc")
+    point = plain().isel(time=0, lat=8, lon=14)
+    np.testing.assert_allclose(read(tmp_path / "point.nc")[0], point.uo + 1j * point.vo, atol=1e-4)
 
 
 def test_packing_may_round_beyond_the_greatest_valid_value():
@@ -371,6 +387,7 @@ REFUSED = {
     "members": (saved(lambda d: d.expand_dims(member=3)), r"choose with select = \{ member = 0 \}"),
     "no places": (saved(lambda d: d.drop_vars("lon")), r"units \(degrees_east\).*name the file that has them"),
     "a grid that moves": (in_2d(("XLAT", "XLONG"), moving=True), "a grid that moves is not read"),
+    "trajectory": (at_one_point(0.1), "its lat changes with time: a trajectory is not read"),
     "land as a number": (by_hand(-9999.0), "-9999 on water .*a fill value that is not its _FillValue"),
 }  # fmt: skip
 
