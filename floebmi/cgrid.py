@@ -33,6 +33,7 @@ Offsets = tuple[int, ...]  # the faces of centre c are c + offset
 _OFFSETS: dict[str, Offsets] = {"before": (0, 1), "after": (-1, 0), "none": (0,)}
 _CENTRE = r"rho|grid_t|_t$|glamt|xc|tlon|geolon$"
 _NOT_CENTRE = r"psi|_[fuv]$|grid_[fuvw]|[_xy]g$|glam[fuv]"
+_ON_FACES = ("vozocrtx", "sozocrtx")
 _SAMPLE = 40
 
 
@@ -42,13 +43,40 @@ def is_staggered(u: Field, v: Field) -> bool:
         return True
     if u.file is v.file:
         return _coordinates(u) != _coordinates(v)
-    for name, variable in u.file.data.variables.items():
-        if role(str(name), variable) == "lon" and name in v.file.data.variables:
-            other = v.file.data[name]
-            return variable.shape != other.shape or not np.array_equal(
-                variable.values, other.values, equal_nan=True
+    return any(
+        not np.array_equal(one.values, other.values, equal_nan=True) for one, other in _shared(u, v)
+    )
+
+
+def _shared(u: Field, v: Field) -> list[tuple[xr.DataArray, xr.DataArray]]:
+    """Coordinates along the horizontal dimensions that both components' files have under one name, of one shape or not."""
+    one, other = u.file.data, v.file.data
+    return [
+        (one[name], other[name])
+        for name, variable in one.variables.items()
+        if role(str(name), variable) in ("lon", "lat", "x", "y")
+        and variable.dims
+        and set(variable.dims) <= set(u.dims)
+        and name in other.variables
+        and set(other[name].dims) == set(variable.dims)
+    ]
+
+
+def _refuse_turned(u: Field, v: Field) -> None:
+    """InputError for two files whose rows or columns run against each other."""
+    for one, other in _shared(u, v):
+        if one.shape != other.transpose(*one.dims).shape or min(one.shape) < 3:
+            continue
+        for axis, dim in enumerate(one.dims):
+            a, b = (
+                np.diff(f.transpose(*one.dims).values.astype(float), axis=axis)
+                for f in (one, other)
             )
-    return False
+            if np.nansum(np.sign(a * b)) < -0.5 * a.size:
+                raise InputError(
+                    f"{u.label} and {v.label}: {one.name} falls along {dim} in one and grows in the other: turn one of them"
+                    " over, so that points of the same index are neighbours"
+                )
 
 
 def _coordinates(field: Field) -> set[str]:
@@ -97,16 +125,28 @@ def find_centres(
     """
     options = (projection, position, file_projection)
     apart = bool(u.dims) and is_staggered(u, v)
+    if apart and u.file is not v.file:
+        _refuse_turned(u, v)
     if stagger == "none" or (stagger == "auto" and not apart):
         if u.shape != v.shape:
             raise InputError(f"{u.label} {u.shape} and {v.label} {v.shape}: their points differ")
         # Of two files that do not say where their points are, none tells whether they are the same points.
         others = files if u.file is v.file or stagger == "none" else ()
-        return Centres(u.file, u.dims, place_of(u.file, u.array, u.dims, *options, others))
+        place = place_of(u.file, u.array, u.dims, *options, others, files)
+        if stagger == "auto" and u.name in _ON_FACES and isinstance(place, Net):
+            warnings.warn(
+                f"{u.label}, {v.name}: as NEMO writes them they lie on the faces of cells, but the file has one place for"
+                " both, where they are taken: say stagger = 'after' if they are on faces, 'none' if not",
+                stacklevel=3,
+            )
+        return Centres(u.file, u.dims, place)
     taken = [(u.file, u.dims), (v.file, v.dims)] if apart else []
     problem: InputError | None = None
-    for file, array, dims in [(u.file, u.array, (u.rows, v.columns)), *_nets(files, u)]:
+    axes = [(file, u.array, (u.rows, v.columns)) for file in (u.file, *files)]
+    for file, array, dims in [*axes, *_nets(files, u)]:
         if any(file is f and set(dims) == set(d) for f, d in taken):
+            continue
+        if not all(d in file.data.sizes for d in dims):
             continue
         try:
             place = place_of(file, array, dims, *options, files)

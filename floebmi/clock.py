@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime
 import re
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -40,6 +41,11 @@ _ALIKE = {
 # What cftime reads to the end; of a text of another form it leaves out what it does not know, an hour without minutes, say.
 _DATE = re.compile(
     r"-?\d{4,}-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?)?( ?(Z|UTC|[+-]\d\d(:?\d\d)?))?"
+)
+# The same of a date that numbers count from, which may be of any year.
+_REFERENCE = re.compile(
+    r"[-+]?\d+-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d*)?)?)?( ?(Z|UTC|GMT|[+-]\d\d(:?\d\d)?))?",
+    re.IGNORECASE,
 )
 
 
@@ -79,11 +85,16 @@ class Clock:
         if field.time is None:
             return
         found = coordinate(field.file, field.time)
+        if found is None and field.array.sizes[field.time] == 1:
+            return
         if found is None:
-            raise InputError(f"{field.label}: its {field.time!r} has no times")
+            raise InputError(
+                f"{field.label}: its {field.time!r} has no times: one record of it holds always by"
+                f" select = {{ {field.time} = 0 }}"
+            )
         name, array = found
         where = f"{field.file.label}: {name}"
-        self._dates = _dates(array, where)
+        self._dates = _middles(_dates(array, where), array, field, where)
         self._check_calendar(calendar, where)
         self._start = self._dates[0] if start is None else self._as_date(start, where)
         since = self._dates - self._start
@@ -98,7 +109,7 @@ class Clock:
             k = int(bad[0]) + 1
             raise InputError(
                 f"{where}[{k}] = {_text(self._dates[k])} does not come after"
-                f" {_text(self._dates[k - 1])}: times must grow"
+                f" {_text(self._dates[k - 1])}: times must grow, each once: sort the records of the file"
             )
 
     def _check_calendar(self, wanted: Calendar | None, where: str) -> None:
@@ -257,6 +268,12 @@ def _dates(array: xr.DataArray, where: str) -> np.ndarray:
     dates = np.atleast_1d(array.values)
     if not dates.size:
         raise InputError(f"{where}: no records")
+    if dates.dtype.kind in "SUT" or any(isinstance(date, str | bytes) for date in dates.flat):
+        raise InputError(
+            f"{where}: its times are texts, such as {str(dates.flat[0])!r}: must be numbers with units ="
+            " '<unit> since <date>'"
+        )
+    _check_reference(str(array.encoding.get("units", "")), dates, where)
     if dates.dtype.kind == "M":
         if np.isnat(dates).any():
             raise InputError(f"{where}[{int(np.isnat(dates).argmax())}] is not a time")
@@ -269,6 +286,42 @@ def _dates(array: xr.DataArray, where: str) -> np.ndarray:
             f"{where}: units = {units!r}: must be '<unit> since <date>', or s, min, h, days"
         )
     return dates.astype(float) * DURATIONS[units]
+
+
+def _check_reference(units: str, dates: np.ndarray, where: str) -> None:
+    """InputError for a date to count from that was not read to its end: what is behind a form that it knows cftime leaves out."""
+    _, since, reference = units.partition(" since ")
+    if not since or _REFERENCE.fullmatch(reference.strip()):
+        return
+    # Of the standard calendar pandas reads what else there is, but for the names of zones.
+    if dates.dtype.kind == "M" and not re.match(r"0*1-\d|.*[A-Za-z]{2,}$", reference.strip()):
+        return
+    raise InputError(
+        f"{where}: units = {units!r}: of its date not all is understood; must be such as"
+        " 'hours since 2016-02-01 06:00:00', in UTC"
+    )
+
+
+def _middles(dates: np.ndarray, array: xr.DataArray, field: Field, where: str) -> np.ndarray:
+    """The times of records; of means over intervals at whose ends the file has them, the middles of these."""
+    data, name = field.file.data, array.attrs.get("bounds", array.encoding.get("bounds"))
+    mean = re.search(
+        rf"\b(time|{re.escape(str(field.time))}): mean", str(field.array.attrs.get("cell_methods"))
+    )
+    if not mean or name not in data.variables or data[name].shape != (dates.size, 2):
+        return dates
+    ends = data[name].values
+    if ends.dtype.kind != dates.dtype.kind or dates.dtype.kind not in "MO":
+        return dates
+    side = next((k for k in (0, 1) if (dates == ends[:, k]).all()), None)
+    if side is None or (ends[:, 0] == ends[:, 1]).any():
+        return dates
+    warnings.warn(
+        f"{where}: its times are the {('begins', 'ends')[side]} of the intervals that its fields are means of:"
+        f" the middles are taken, by {name}",
+        stacklevel=5,
+    )
+    return ends[:, 0] + (ends[:, 1] - ends[:, 0]) / 2
 
 
 def _text(date: object) -> str:

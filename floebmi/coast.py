@@ -10,6 +10,7 @@ most that land can stick out.
 
 import itertools
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -332,6 +333,23 @@ def _projected(
     check_projection(projection)
     moved = []
     for name, geometry, properties in features:
+        lon, lat = shapely.get_coordinates(geometry).T
+        wrong = (np.abs(lon) > 540) | (np.abs(lat) > 90)
+        if wrong.any():
+            k = int(wrong.argmax())
+            raise InputError(
+                f"{name}: {lon[k]:g}, {lat[k]:g} are no longitude and latitude, which they must be where the domain has a"
+                " projection"
+            )
+        for ring in shapely.get_rings(shapely.get_parts(geometry)):
+            west, east = np.sort(lon := shapely.get_coordinates(ring)[:, 0])[[0, -1]]
+            if ((far := np.abs(np.diff(lon))) > 180).any() and far.max() < 360:
+                warnings.warn(
+                    f"{name}: an edge goes the long way round, over {far.max():g}° of longitude: to cross the date line write"
+                    f" longitudes beyond 180, such as {west + 360:g} for {west:g}",
+                    stacklevel=2,
+                )
+                break
         geometry = shapely.segmentize(geometry, LONGEST)
         geometry = shapely.transform(
             geometry, lambda lon, lat: to_plane(projection, lon, lat), interleaved=False

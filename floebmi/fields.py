@@ -81,11 +81,57 @@ class Field(NamedTuple):
         index = dict(self.fixed)
         if self.time is not None:
             index[self.time] = record
-        if self.rows is None:
-            return np.asarray(self.array.isel(index).values, float).reshape(1, 1)
-        index |= {self.rows: box.rows, self.columns: box.columns}
-        piece = self.array.isel(index).transpose(self.rows, self.columns)
-        return np.asarray(piece.values, float)
+        if self.rows is not None:
+            index |= {self.rows: box.rows, self.columns: box.columns}
+        piece = self.array.isel(index).transpose(*self.dims)
+        try:
+            values = np.asarray(piece.values, float).reshape(box.shape if self.dims else (1, 1))
+        except (RuntimeError, OSError) as error:  # as NetCDF calls what HDF5 cannot unpack
+            raise InputError(
+                f"{self.label}: cannot be read ({error}): is the file damaged?"
+            ) from error
+        return _valid(self.array, values)
+
+
+def _valid(array: xr.DataArray, values: np.ndarray) -> np.ndarray:
+    """The values, NaN where an attribute that xarray does not heed says that there is none.
+
+    These are the limits of what is valid, and fill values of another type than the variable's: 1e20 as float32 is not 1e20.
+    """
+    low, high = _valid_range(array)
+    missing = (values < low) | (values > high)
+    if array.dtype == np.float32:
+        told = array.encoding.get("missing_value", array.attrs.get("missing_value"))
+        if np.asarray(told).dtype.kind == "f":
+            missing |= np.isin(values, np.float32(told))
+    return np.where(missing, np.nan, values) if missing.any() else values
+
+
+def _valid_range(array: xr.DataArray) -> tuple[float, float]:
+    """Lowest and highest valid value, ∓inf where attributes do not say; whole numbers are limits of packed values."""
+    attrs, told = array.attrs, array.encoding
+    step = float(told.get("scale_factor", 0.0))
+
+    def limit(said: object, without: float) -> float:
+        one = np.squeeze(np.asarray(said))
+        if one.ndim or one.dtype.kind not in "iuf" or np.isnan(one):
+            return without
+        if one.dtype.kind == "f":
+            return float(one)
+        whole = (
+            int(one) % 256**one.itemsize
+            if str(told.get("_Unsigned")).lower() == "true"
+            else int(one)
+        )
+        return whole * (step or 1.0) + float(told.get("add_offset", 0.0))
+
+    both = np.ravel(attrs.get("valid_range", ()))
+    said = both if both.size == 2 else (attrs.get("valid_min"), attrs.get("valid_max"))
+    low, high = limit(said[0], -np.inf), limit(said[1], np.inf)
+    if not low < high:
+        return -np.inf, np.inf
+    # values are rounded by packing, and limits as numbers of another type than the values
+    return low - 1e-6 * abs(low) - step / 2, high + 1e-6 * abs(high) + step / 2
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -123,9 +169,12 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
     if not path.exists():
         near = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
         hint = choose(path.name, near).rpartition("; ")[2] if near else ""
-        raise InputError(
-            f"{path}: no such file" + (f"; {hint}" if hint.startswith("did you") else "")
-        )
+        hint = hint if hint.startswith("did you") else ""
+        if re.search(r"[*?\[]", path.name):
+            hint = "no patterns are read: name the file, or those that hold its parts; a series is joined first"
+        elif re.search(r"https?:/", str(path)):
+            hint = "no addresses are read: load the file down first"
+        raise InputError(f"{path}: no such file" + (f"; {hint}" if hint else ""))
     zarr = path.is_dir()
     engine = "zarr" if zarr else None
     if not zarr:
@@ -135,18 +184,55 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
     except Exception as error:  # each engine has its own kinds
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         if not zarr and "did not find a match" in reason:
-            raise InputError(f"{path}: is no NetCDF file, or a damaged one") from error
+            raise InputError(f"{path}: {_kind(path)}") from error
         if zarr and "unrecognized engine" in reason:
             reason = "reading Zarr needs the package zarr (python -m pip install zarr)"
+        if "HDF error" in reason:
+            reason = "it is damaged, was cut short, or another process is writing it"
+        if "decode time units" in reason:
+            reason = f"{reason.partition('. Try')[0]}; must be seconds, minutes, hours or days since a date, in a calendar of CF"
         raise InputError(
             f"{path}: cannot be read as {'Zarr' if zarr else 'NetCDF'}: {reason}"
         ) from error
+    if not zarr and not data.data_vars:
+        _refuse_groups(path)
     file = File(path.name, data)
     times = [found for d in data.dims if (found := coordinate(file, str(d)))]
     if any(a.dtype.kind == "O" and role(name, a) == "time" for name, a in times):
         with xr.open_dataset(path, engine=engine, decode_times=False) as numbers:
             _refuse_missing_times(File(path.name, numbers), [name for name, _ in times])
     return file
+
+
+def _kind(path: Path) -> str:
+    """What a file is that is no NetCDF."""
+    with open(path, "rb") as file:
+        begin = file.read(100)
+    for sign, kind in (
+        (b"GRIB", "is GRIB: convert it to NetCDF first (cdo -f nc copy)"),
+        (b"\x1f\x8b", "is compressed by gzip: unpack it first"),
+        (b"PK", "is a zip archive: unpack it first"),
+        (b"<", "is a web page or XML, as of a download that failed"),
+    ):
+        if begin.lstrip().startswith(sign):
+            return kind
+    return "is no NetCDF file, or a damaged one" if begin else "is empty"
+
+
+def _refuse_groups(path: Path) -> None:
+    """InputError for a file whose variables are all in groups, of which xarray reads none unasked."""
+    import netCDF4
+
+    try:
+        with netCDF4.Dataset(path) as file:
+            groups = list(file.groups)
+    except OSError:  # a file that another library read, which knows no groups
+        return
+    if groups:
+        raise InputError(
+            f"{path}: its variables are in groups ({', '.join(groups)}), and none outside: take them out of the groups"
+            " first (ncks -G : in.nc out.nc)"
+        )
 
 
 def _refuse_missing_times(file: File, names: list[str]) -> None:
@@ -170,7 +256,9 @@ def _refuse_if_cut(path: Path) -> None:
     try:
         with open(path, "rb") as file:
             told, size = length_by_header(file), path.stat().st_size
-    except (OSError, struct.error, IndexError):
+    except struct.error:
+        raise InputError(f"{path}: was cut short within its header") from None
+    except (OSError, IndexError):
         return  # no file to read, or no such header: let the library say what it is
     if size < told:
         raise InputError(f"{path}: was cut short: it has {size} bytes of {told}")
@@ -211,7 +299,7 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
     where = ", ".join(f.label for f in files)
     if given is not None:
         variables = tuple(_named(files, name, where, option) for name in given)
-        standard = tuple(f.data[name].attrs.get("standard_name") for f, name in variables)
+        standard = tuple(str(f.data[name].attrs.get("standard_name")) for f, name in variables)
         word = next((r[-1] for r in wanted.standard if r[:-1] == standard), None)
         word = word or next((r[-1] for r in wanted.short if r[:-1] == tuple(given)), None)
         return Found(variables, word, "as told")
@@ -236,9 +324,11 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
         variables = tuple((_check_one(_holding(files, n), n), n) for n in rows[0][:-1])
         return Found(variables, rows[0][-1], "well-known name")
     have = ", ".join(_describe(f, n) for f in files for n in f.data.data_vars if f.data[n].ndim)
+    polar = "_direction" in have and option == "variables"
     raise InputError(
         f"{where}: no {wanted.what} found by standard_name or well-known name; name it with"
         f" {option}; variables: {have or 'none'}"
+        + ("; of speed and direction make u and v first" if polar else "")
     )
 
 
@@ -280,7 +370,7 @@ def _with_standard_name(files: list[File], standard: str) -> list[tuple[File, st
         (f, str(name))
         for f in files
         for name, a in f.data.data_vars.items()
-        if a.attrs.get("standard_name") == standard
+        if str(a.attrs.get("standard_name")) == standard
     ]
 
 
@@ -309,20 +399,20 @@ _NORTH = {"degrees_north", "degree_north", "degree_n", "degrees_n", "degreen", "
 def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
     """What a coordinate is: "lon", "lat", "x", "y", "time", "vertical", or None."""
     attrs, low = variable.attrs, str(name).lower()
-    standard, axis = attrs.get("standard_name", ""), attrs.get("axis", "")
+    standard, axis = str(attrs.get("standard_name", "")), str(attrs.get("axis", ""))
     units = str(attrs.get("units", "")).lower()
     if standard in ("grid_longitude", "grid_latitude"):  # a rotated pole's own degrees
         return None
     if (
         standard == "longitude"
         or units in _EAST
-        or (low in COORDINATES["lon"] and units[:3] in ("", "deg"))
+        or (low in COORDINATES["lon"] and units[:3] in ("", "deg", "rad"))
     ):
         return "lon"
     if (
         standard == "latitude"
         or units in _NORTH
-        or (low in COORDINATES["lat"] and units[:3] in ("", "deg"))
+        or (low in COORDINATES["lat"] and units[:3] in ("", "deg", "rad"))
     ):
         return "lat"
     if standard == "time" or axis == "T" or variable.dtype.kind == "M" or low in _TIME:
@@ -342,6 +432,21 @@ def with_same_points(file: File, files: Sequence[File], dims: Sequence[str]) -> 
     sizes = {d: file.data.sizes[d] for d in dims}
     others = (f for f in files if f is not file)
     return [file, *(f for f in others if sizes.items() <= dict(f.data.sizes).items())]
+
+
+def refuse_other_points(file: File, other: File, dims: Sequence[str]) -> None:
+    """InputError if what another file has along `dims` is of other places, by the coordinates of both."""
+    for dim in dims if other is not file else ():
+        if not (dim in file.data.variables and dim in other.data.variables):
+            continue
+        one, two = file.data[dim].values, other.data[dim].values
+        if one.dtype.kind not in "iuf" or two.dtype.kind not in "iuf" or one.size < 2:
+            continue
+        if not np.allclose(one, two, rtol=0, atol=0.01 * float(np.abs(np.diff(one)).mean())):
+            raise InputError(
+                f"{file.label} and {other.label}: their {dim!r} differ, {one[0]:g} … {one[-1]:g} and {two[0]:g} … {two[-1]:g}:"
+                " points of the same index must be of the same place"
+            )
 
 
 def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
@@ -380,13 +485,14 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
         found = coordinate(file, dim)
         by_name = {"time"} if dim.lower() in _TIME else set()
         roles[dim] = role(*found) if found else next(iter(by_name), None)
-    time = next((d for d in sizes if roles[d] == "time" and d not in fixed), None)
+    times = [d for d in sizes if roles[d] == "time" and d not in fixed]
+    time = max(times, key=lambda d: sizes[d] > 1, default=None)  # not the one date of a forecast
     for dim in sizes:
         if roles[dim] == "vertical" and dim not in fixed:
             fixed[dim] = _level(file, dim, depth, where)
     rest = [d for d in sizes if d not in fixed and d != time]
     if len(rest) != 2:
-        fixed |= {d: 0 for d in rest if sizes[d] == 1 and roles[d] is None}
+        fixed |= {d: 0 for d in rest if sizes[d] == 1 and roles[d] in (None, "time")}
         rest = [d for d in rest if d not in fixed]
     if all(sizes[d] == 1 for d in rest):  # a series at one point, whether or not it keeps its axes
         fixed |= dict.fromkeys(rest, 0)
@@ -397,7 +503,10 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
             " trajectories are not read; interpolate to rows and columns first"
         )
     if len(rest) > 2:
-        raise InputError(f"{where}: which of {', '.join(rest)} is meant? choose with select")
+        more = next((d for d in rest if roles[d] not in ("lon", "lat", "x", "y")), rest[0])
+        raise InputError(
+            f"{where}: which of {', '.join(rest)} is meant? choose with select = {{ {more} = 0 }}, an index (-1: the last)"
+        )
     if rest and roles[rest[0]] in ("lon", "x") and roles[rest[1]] in ("lat", "y"):
         rest.reverse()
     rows, columns = rest or (None, None)
@@ -409,12 +518,15 @@ def _level(file: File, dim: str, depth: float, where: str) -> int:
     if file.data.sizes[dim] == 1:
         return 0
     if found is None or found[1].dims != (dim,):
-        raise InputError(f"{where}: levels {dim!r} have no depths: choose with select")
+        raise InputError(
+            f"{where}: levels {dim!r} have no depths: choose with select = {{ {dim} = 0 }}, an index (-1: the last)"
+        )
     name, levels = found
     scale = LENGTHS.get(str(levels.attrs.get("units", "")).lower().strip())
     if scale is None and depth != 0:
         raise InputError(
-            f"{where}: depth = {depth:g} m, but levels {name!r} are not in metres: choose with select"
+            f"{where}: depth = {depth:g} m, but levels {name!r} are not in metres: choose with"
+            f" select = {{ {dim} = 0 }}, an index (-1: the last)"
         )
     return int(np.argmin(np.abs(np.abs(levels.values.astype(float)) * (scale or 1.0) - depth)))
 
@@ -436,7 +548,13 @@ DURATIONS = {
 _KNOTS = {"kt", "kts", "kn", "knot", "knots"}
 # What is to be done about units that are not known: where an option says them, and where none does.
 BY_OPTION, IN_FILE = "say which with units", "put right its attribute units"
-_FRACTIONS = {"": 1.0, "1": 1.0, "fraction": 1.0, "%": 0.01, "percent": 0.01, "1e-2": 0.01}
+_FRACTIONS = {
+    **dict.fromkeys(
+        ("", "1", "fraction", "-", "none", "dimensionless", "unitless", "nondimensional"), 1.0
+    ),
+    **dict.fromkeys(("0-1", "(0-1)", "(0 - 1)", "m2 m-2", "m2/m2"), 1.0),
+    **dict.fromkeys(("%", "percent", "1e-2", "0.01"), 0.01),
+}
 
 
 def _words(units: object) -> str:

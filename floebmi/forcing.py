@@ -282,10 +282,17 @@ class VelocityFile:
         )
         self.covered = np.diff(rows.indptr) > 0
         angle, axes = self._angle(centres, found.word, vectors, box)
+        if np.isnan(angle.ravel()[rows.indices]).any():
+            raise InputError(
+                f"{self._label}: the direction of {axes} is not known at all points in use"
+            )
         turn = sparse.diags(np.exp(1j * np.nan_to_num(angle.ravel())))
         turned = sparse.diags(grid.wet.astype(float)) @ rows @ turn
         self._matrix = sparse.hstack([turned @ to_u, 1j * turned @ to_v], format="csr")
         self._matrix.eliminate_zeros()  # closed faces: their values, NaN or not, are never touched
+        sizes = [int(np.prod(b.shape)) for _, b in self._parts()]
+        self._used = np.unique(self._matrix.indices)
+        self._fastest = _FASTEST[kind] / np.abs(np.repeat(factors, sizes)[self._used])
         self._records: dict[int, np.ndarray] = {}
         said = dict.fromkeys(str(units or f.array.attrs.get("units")) for f in (u, v))
         self._text = (
@@ -328,28 +335,27 @@ class VelocityFile:
         """u + i v (grid.size,) [m/s] of one record, at the cells."""
         if record not in self._records:
             values = np.concatenate([f.read(record, b).ravel() for f, b in self._parts()])
-            z = self._matrix @ values
-            bad = ~(np.abs(z) <= _FASTEST[self._kind])  # NaN is bad, too
-            if bad.any():
-                raise InputError(self._what_is_bad(record, int(bad.argmax()), values))
-            self._records[record] = z
+            # Each point by itself: of a fill value a mean between points may be a velocity as good as any.
+            excess = np.abs(values[self._used]) / self._fastest
+            if not (excess <= 1).all():  # NaN is bad, too
+                worst = np.argmax(np.where(np.isnan(excess), np.inf, excess))
+                raise InputError(self._what_is_bad(record, int(self._used[worst]), values))
+            self._records[record] = self._matrix @ values
         return self._records[record]
 
     def _parts(self) -> tuple[tuple[Field, Box], tuple[Field, Box]]:
         return (self._u, self._u_box), (self._v, self._v_box)
 
-    def _what_is_bad(self, record: int, cell: int, values: np.ndarray) -> str:
-        row = self._matrix[cell]
-        size = values[row.indices] * np.abs(row.data)
-        worst = row.indices[np.argmax(np.where(np.isfinite(size), np.abs(size), np.inf))]
+    def _what_is_bad(self, record: int, point: int, values: np.ndarray) -> str:
+        cell = int(self._matrix[:, [point]].nonzero()[0][0])
         n_u = int(np.prod(self._u_box.shape))
-        part, box = self._parts()[int(worst >= n_u)]
-        j, i = np.unravel_index(worst - n_u * (worst >= n_u), box.shape)
+        part, box = self._parts()[int(point >= n_u)]
+        j, i = np.unravel_index(point - n_u * (point >= n_u), box.shape)
         place = f"[{box.rows.start + j}, {box.columns.start + i}]" if part.dims else ""
         return (
-            f"{part.label}{place} at {self._clock.date(record)}: {values[worst]:g} on water beside grid"
-            f" cell {cell}; must be a velocity below {_FASTEST[self._kind]:g} m/s (an undeclared fill value,"
-            " wrong units, or a hole in the data?)"
+            f"{part.label}{place} at {self._clock.date(record)}: {values[point]:g} on water beside grid"
+            f" cell {cell}; must be a velocity below {_FASTEST[self._kind]:g} m/s (a fill value that is not its"
+            " _FillValue, wrong units, or a hole in the data?)"
         )
 
     def _to_centres(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.fields import Box, File, is_percent, with_same_points
+from floebmi.fields import Box, File, is_percent, refuse_other_points, with_same_points
 
 _STANDARD = {
     "sea_binary_mask": 1.0, "sea_area_fraction": 1.0,
@@ -22,6 +22,7 @@ _STANDARD = {
 _WATER = {"mask", "mask_rho", "mask_u", "mask_v", "tmask", "umask", "vmask", "tmaskutil", "wet", "wet_c",
           "maskc", "maskw", "masks", "hfacc", "sea_mask", "ocean_mask"}  # fmt: skip
 _LAND = {"lsm", "land_mask", "landmask", "land_binary_mask", "sftlf", "land_fraction"}
+_NOTES = ("long_name", "comment", "description")
 _LAND_WORD, _WATER_WORD = r"\bland\b", r"\b(sea|water|ocean)\b"
 
 
@@ -96,6 +97,8 @@ def choose_mask(
     names = None if mask == "auto" else (mask,)
     candidates = (find_mask(f, dims, names) for f in with_same_points(file, files, dims))
     found = next((m for m in candidates if m is not None), None)
+    if found is not None:
+        refuse_other_points(file, found.file, dims)
     if found is None and mask != "auto":
         fitting = [str(n) for n, a in file.data.data_vars.items() if set(a.dims) == set(dims)]
         raise InputError(
@@ -109,11 +112,16 @@ def water_value(file: File, name: str) -> float | None:
     """The value, 1 or 0, that a mask or fraction has where there is water; None if nothing tells."""
     attrs = file.data[name].attrs
     meanings = str(attrs.get("flag_meanings", "")).lower().split()
-    flags = np.atleast_1d(attrs.get("flag_values", [])).tolist()
-    flagged = dict(zip(flags, meanings, strict=False))
+    flags = attrs.get("flag_values", [])
+    if isinstance(flags, str):  # "0b, 1b", as some tools write them
+        flags = [float(number) for number in re.findall(r"-?\d+", flags)]
+    flagged = dict(zip(np.atleast_1d(flags).tolist(), meanings, strict=False))
     flagged |= {
         float(k): str(attrs[f"option_{k}"]).lower() for k in (0, 1) if f"option_{k}" in attrs
     }
+    if not flagged and attrs.get("standard_name") not in _STANDARD:
+        flagged = _values_in_words(attrs)
+    flagged = {value: words.replace("_", " ") for value, words in flagged.items()}
     for value, other in ((1.0, 0.0), (0.0, 1.0)):
         if re.search(_WATER_WORD, flagged.get(value, "")) or re.search(
             _LAND_WORD, flagged.get(other, "")
@@ -124,3 +132,12 @@ def water_value(file: File, name: str) -> float | None:
     if name.lower() in _LAND:
         return 0.0
     return 1.0 if name.lower() in _WATER else None
+
+
+def _values_in_words(attrs: dict[str, object]) -> dict[float, str]:
+    """What 0 and 1 are by words such as "1 = land, 0 = sea" or "land: 1"."""
+    text = " ".join(str(attrs.get(name, "")) for name in _NOTES).lower()
+    kind = "land|sea|water|ocean"
+    found = re.findall(rf"\b([01]) ?(?:=|:|is|for) ?({kind})\b", text)
+    found += [(v, k) for k, v in re.findall(rf"\b({kind}) ?(?:=|:|is) ?([01])\b", text)]
+    return {float(value): word for value, word in found}

@@ -22,6 +22,7 @@ from floebmi.fields import (
     File,
     coordinate,
     length_factor,
+    refuse_other_points,
     role,
     with_same_points,
 )
@@ -293,6 +294,7 @@ def place_of(
     position: Position = "auto",
     file_projection: str | None = None,
     others: Sequence[File] = (),
+    mappings: Sequence[File] = (),
 ) -> Place:
     """Where the points of a variable's horizontal dimensions (rows, columns) are.
 
@@ -305,7 +307,8 @@ def place_of(
         themselves longitude and latitude, but differ so from those in 2-D, they are nominal (a tripolar grid's):
         "mapping" takes the axes, "auto" those in 2-D, with a warning
     file_projection : the projection of the file's x, y, where the file does not say it (or says it wrong)
-    others : files that may hold the places, where `file` does not
+    others : files that may hold the places and the grid mapping, where `file` does not
+    mappings : more files that may hold the grid mapping
 
     Raises
     ------
@@ -323,7 +326,9 @@ def place_of(
     files = with_same_points(file, others, dims)
     found = [next(filter(None, (coordinate(f, d) for f in files)), None) for d in dims]
     roles = tuple(role(*f) if f else None for f in found)
-    net = next(filter(None, (_lonlat_net(f, array, dims) for f in files)), None)
+    nets = ((f, _lonlat_net(f, array, dims)) for f in files)
+    holder, net = next(((f, n) for f, n in nets if n is not None), (file, None))
+    refuse_other_points(file, holder, dims)
     if roles == ("lat", "lon") and not _rotated(file, array):
         rows, columns = (_values(f[1]) for f in found)
         if position == "mapping" or not _nominal(file.label, rows, columns, net, position):
@@ -338,7 +343,11 @@ def place_of(
             plane = _needed(projection, where, columns, rows)
             text = f"{rows.size} × {columns.size} lat, lon"
             return Axes(where, rows, columns, None, plane, True, text)
-    mapping = _mapping(file, array, file_projection) if roles == ("y", "x") else None
+    mapping = (
+        _mapping([file, *others, *mappings], array, file_projection)
+        if roles == ("y", "x")
+        else None
+    )
     if position == "mapping" and mapping is None:
         raise InputError(f"{where}: position = 'mapping', but it has no x, y with a projection")
     if position == "lonlat" and net is None:
@@ -359,7 +368,8 @@ def place_of(
     if net is None:
         raise InputError(
             f"{where}: where its points are is not said: it has neither longitude and latitude nor x"
-            " and y along these dimensions"
+            " and y along these dimensions that go by a standard_name, units (degrees_east) or a well-known name: set"
+            " those in the file, or name the file that has them along with this one"
         )
     lon, lat, names = net
     plane = _needed(projection or (mapping.projection if mapping else None), where, lon, lat)
@@ -369,7 +379,9 @@ def place_of(
 
 
 def _values(array: xr.DataArray) -> np.ndarray:
-    return np.asarray(array.values, float)
+    """The values of a coordinate, in degrees where it is in radians."""
+    values = np.asarray(array.values, float)
+    return np.degrees(values) if str(array.attrs.get("units")).lower()[:3] == "rad" else values
 
 
 def _falls(array: xr.DataArray) -> bool:
@@ -398,8 +410,17 @@ def _point(file: File, array: xr.DataArray) -> tuple[float | None, float | None]
     place = {}
     for name, variable in file.data.variables.items():
         what = role(str(name), variable)
-        if variable.size == 1 and what in ("lon", "lat"):
-            place[what] = float(np.asarray(variable.values).reshape(()))
+        if what not in ("lon", "lat"):
+            continue
+        values = _values(file.data[name]).ravel()
+        if values.size > 1 and len(variable.dims) == 1 and _is_time(file, str(variable.dims[0])):
+            if np.nanmax(values) > np.nanmin(values):
+                raise InputError(
+                    f"{file.label}: {array.name}: its {name} changes with time: a trajectory is not read as wind or current"
+                )
+            values = values[:1]
+        if values.size == 1:
+            place[what] = float(values[0])
     return place.get("lon"), place.get("lat")
 
 
@@ -412,7 +433,9 @@ def _lonlat_net(
     for name, variable in file.data.variables.items():
         what = role(str(name), variable)
         wide = [d for d in variable.dims if variable.sizes[d] > 1 or d in dims]
-        if what in pairs and sorted(wide) == sorted(dims):
+        # WRF writes them for each record
+        plain = [d for d in wide if d in dims or not _is_time(file, str(d))]
+        if what in pairs and sorted(plain) == sorted(dims):
             pairs[what].append(str(name))
     for what, names in pairs.items():  # those that the variable itself names come first
         names.sort(key=lambda name: (name not in named, name.lower() not in COORDINATES[what]))
@@ -427,19 +450,33 @@ def _lonlat_net(
     return lon, lat, f"{pairs['lat'][0]}, {pairs['lon'][0]}"
 
 
+def _is_time(file: File, dim: str) -> bool:
+    found = coordinate(file, dim)
+    return found is not None and role(*found) == "time"
+
+
 def _flat_net(array: xr.DataArray, dims: tuple[str, ...]) -> np.ndarray:
-    return _values(array.isel({d: 0 for d in array.dims if d not in dims}).transpose(*dims))
+    rest = [d for d in array.dims if d not in dims]
+    first = _values(array.isel(dict.fromkeys(rest, 0)).transpose(*dims))
+    if any(array.sizes[d] > 1 for d in rest):
+        last = _values(array.isel(dict.fromkeys(rest, -1)).transpose(*dims))
+        if not np.array_equal(first, last, equal_nan=True):
+            raise InputError(
+                f"{array.name}: changes with time: a grid that moves is not read; interpolate to one at rest first"
+            )
+    return first
 
 
-def _mapping(file: File, array: xr.DataArray, given: str | None) -> Mapping | None:
-    """The projection of a variable's x, y: as given, or from its grid mapping."""
+def _mapping(files: Sequence[File], array: xr.DataArray, given: str | None) -> Mapping | None:
+    """The projection of a variable's x, y: as given, or from its grid mapping in the first file that has it."""
     if given is not None:
         return Mapping(check_projection(given), "file_projection as told")
     import pyproj
 
-    name = _mapping_name(file, array)
-    if name is None:
+    found = [(f, name) for f in files if (name := _mapping_name(f, array)) is not None]
+    if not found:
         return None
+    file, name = found[0]
     attrs = file.data[name].attrs
     key = next((k for k in _PROJ_STRINGS if attrs.get(k)), None)
     try:

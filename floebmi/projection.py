@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _STEP = 10.0
 _EARTH_RADIUS = 6_371_000.0
 _NEAR_POLE = 89.99
+_MOST_TURNS = 1440.0  # longitudes beyond are none [degrees]
 
 
 @lru_cache(maxsize=32)
@@ -77,7 +78,10 @@ def to_plane(
         for an unknown projection, or one that is no plane, and for coordinates that are not of the same places.
     """
     proj, metre = _proj(projection)
-    x, y = proj(*_places(("lon", lon), ("lat", lat)))
+    lon, lat = _places(("lon", lon), ("lat", lat))
+    # pyproj has no place for longitudes of more than a turn and a half, which HYCOM counts on to
+    on = (np.abs(lon) > 540) & (np.abs(lon) <= _MOST_TURNS)
+    x, y = proj(np.where(on, lon % 360, lon), lat)
     return _or_nan(np.multiply(x, metre)), _or_nan(np.multiply(y, metre))
 
 

@@ -24,6 +24,7 @@ from floebmi.fields import (
     find,
     fraction_factor,
     holds,
+    is_percent,
     length_factor,
     open_files,
 )
@@ -172,12 +173,14 @@ def read_scalar(
     # Volume and area of ice have means between points; thickness has none where some are open water.
     if kind == "ice" and (share is None or _points(share) != _points(found)):
         there = _interpolated(found, on, lambda h: np.where(np.isnan(h), h, h > 0))
-        total = _bounded(found.label, factor * _interpolated(found, on), _THICKEST)
+        total = _bounded(
+            found.label, factor * _interpolated(found, on, scale=factor, top=_THICKEST), _THICKEST
+        )
         thickness = _over(found.label, total, there)
         return thickness if quantity == "thickness" else thickness * _fraction(share, None, on)
     fraction = None if share is None else _fraction(share, None, on)
     here = share if share is not None and _points(share) == _points(found) else None
-    values = _interpolated(found, on, share=here, times=kind == "ice")
+    values = _interpolated(found, on, share=here, times=kind == "ice", scale=factor, top=_THICKEST)
     volume = _bounded(found.label, factor * values, _THICKEST)
     return volume if quantity == "sea_ice_volume" else _over(found.label, volume, fraction)
 
@@ -202,8 +205,15 @@ def _find(wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
 
 
 def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
-    factor = fraction_factor(units or part.array.attrs.get("units"), part.label)
-    return _bounded(part.label, factor * _interpolated(part, on), 1.0)
+    said = units or part.array.attrs.get("units")
+    factor = fraction_factor(said, part.label)
+    values = factor * _interpolated(part, on, scale=factor, top=1.0)
+    if is_percent(said) and 0 < values.max() <= 0.01:
+        warnings.warn(
+            f"{part.label}: units = {said!r}, but nowhere is it more than {100 * values.max():.2g}: is it a fraction of 1?",
+            stacklevel=3,
+        )
+    return _bounded(part.label, values, 1.0)
 
 
 def _thickness_of(found: Field) -> str:
@@ -232,7 +242,9 @@ def _land(on: _On, name: str | None, units: str | None) -> np.ndarray:
             " well-known name)"
         )
     said = units if units is not None else part.array.attrs.get("units")
-    factor = 1.0 if found.word == "mask" else fraction_factor(said, part.label)
+    factor = (
+        1.0 if found.word == "mask" and not is_percent(said) else fraction_factor(said, part.label)
+    )
     everywhere = on._replace(grid=on.grid.with_wet(np.ones(on.grid.size, bool)), mask="none")
 
     def to_land(values: np.ndarray) -> np.ndarray:
@@ -241,7 +253,7 @@ def _land(on: _On, name: str | None, units: str | None) -> np.ndarray:
             raise InputError(f"{part.label}: no value at [{j}, {i}] of the part around the grid")
         return factor * values if water == 0 else 1 - factor * values
 
-    return _bounded(part.label, _interpolated(part, everywhere, to_land), 1.0)
+    return _bounded(part.label, _interpolated(part, everywhere, to_land, top=1.0), 1.0)
 
 
 def _interpolated(
@@ -250,9 +262,13 @@ def _interpolated(
     convert: Callable[[np.ndarray], np.ndarray] = np.array,
     share: Field | None = None,
     times: bool = False,
+    scale: float = 1.0,
+    top: float = np.inf,
 ) -> np.ndarray:
     """A field at the cells of the grid (grid.size,), after `convert` of the points' values.
 
+    scale, top : each point of use must have a value within 0 … top / scale: of a fill value a mean between points may be
+        as good as any
     share : the concentration at the same points: where it says that there is no ice the field is 0, whether the
         file has 0 there or no value
     times : whether the field is multiplied by `share` there
@@ -286,7 +302,19 @@ def _interpolated(
     if land is not None:
         wet &= land.read(box)
     rows, _ = interpolate(around, box, place, on.grid, wet, on.fill_land, part.label)
-    values = rows @ np.where(wet, points, 0.0).ravel()
+    points = np.where(wet, points, 0.0).ravel()
+    used = np.unique(rows.indices)
+    beyond = np.maximum(-points[used], points[used] - top / scale)
+    if not (beyond <= _ROUNDING / scale).all():
+        k = int(used[beyond.argmax()])
+        j, i = np.unravel_index(k, box.shape)
+        name = (
+            f"{part.label}[{box.rows.start + j}, {box.columns.start + i}]"
+            if part.dims
+            else part.label
+        )
+        raise _out_of_bounds(name, scale * points[k], top)
+    values = rows @ points
     if on.outside is not None:
         values[around.outside] = on.outside
     return values
@@ -301,10 +329,7 @@ def _bounded(label: str, values: np.ndarray, top: float) -> np.ndarray:
     beyond = np.maximum(-values, values - top)
     if not (beyond <= _ROUNDING).all():
         c = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
-        raise InputError(
-            f"{label} at cell {c}: {values[c]:g}; must lie in 0 … {top:g} (an undeclared fill value, or wrong"
-            " units?)"
-        )
+        raise _out_of_bounds(f"{label} at cell {c}", values[c], top)
     if (beyond > _ROUND_OFF).any():
         warnings.warn(
             f"{label}: {int((beyond > _ROUND_OFF).sum())} cells beyond 0 … {top:g} by at most"
@@ -312,3 +337,9 @@ def _bounded(label: str, values: np.ndarray, top: float) -> np.ndarray:
             stacklevel=3,
         )
     return np.clip(values, 0, top)
+
+
+def _out_of_bounds(name: str, value: float, top: float) -> InputError:
+    return InputError(
+        f"{name}: {value:g}; must lie in 0 … {top:g} (a fill value that is not its _FillValue, or wrong units?)"
+    )

@@ -37,7 +37,7 @@ from floebmi.floes import Floes
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
-from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
+from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction, unmasked
 from floebmi.running import check_forcing, check_intervals
 from floebmi.scene_floes import FromField, GroupTable, Sea, SizeTable, sizes_of
 from floebmi.scene_keys import (
@@ -68,6 +68,8 @@ from floebmi.tables import (
 from floebmi.taylor import PAPERS_STEP
 
 if TYPE_CHECKING:
+    from netCDF4 import Variable
+
     from floebmi.coast import Coast
     from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
@@ -139,7 +141,7 @@ class Rectilinear(Table):
 
 
 class Curvilinear(Table):
-    """Quadrilaterals, from a NetCDF file with x_corners and y_corners (ny + 1, nx + 1) [m]."""
+    """Quadrilaterals, from a NetCDF file with x_corners and y_corners (ny + 1, nx + 1), in m or what their units say."""
 
     kind: Literal["curvilinear"] = "curvilinear"
     file: ScenePath = Field(
@@ -151,7 +153,7 @@ class Curvilinear(Table):
 
 
 class Unstructured(Table):
-    """Polygons, from a NetCDF file with node_x, node_y [m] and face_nodes (cells, corners), −1 padded."""
+    """Polygons, from a NetCDF file with node_x, node_y and face_nodes (cells, corners), padded with −1 or its _FillValue."""
 
     kind: Literal["unstructured"] = "unstructured"
     file: ScenePath = Field(
@@ -160,7 +162,7 @@ class Unstructured(Table):
 
     def build(self, domain: Domain, folder: Path) -> Grid:
         x, y, faces = _arrays(folder / self.file, "node_x", "node_y", "face_nodes")
-        return Grid.unstructured(x, y, faces.astype(np.int64))
+        return Grid.unstructured(x, y, faces)
 
 
 GridTable = one_of(
@@ -182,13 +184,24 @@ def _arrays(path: Path, *names: str) -> list[np.ndarray]:
         raise InputError(f"file = {str(path)!r}: no such file")
     try:
         with Dataset(path) as data:
-            data.set_auto_mask(False)
             missing = [name for name in names if name not in data.variables]
             if missing:
                 raise InputError(f"file = {str(path)!r}: has no variable {missing[0]!r}")
-            return [np.asarray(data[name][:]) for name in names]
+            return [_values(data[name], f"file = {str(path)!r}: {name}") for name in names]
     except OSError as error:
         raise InputError(f"file = {str(path)!r}: not a NetCDF file ({error.strerror})") from None
+
+
+def _values(variable: "Variable", where: str) -> np.ndarray:
+    """Coordinates [m], NaN where there are none, or numbers of nodes from 0, -1 where there are none."""
+    values = variable[:]
+    if variable.name == "face_nodes":
+        nodes = np.ma.filled(values, -1).astype(np.int64)
+        return np.maximum(nodes - int(getattr(variable, "start_index", 0)), -1)
+    from floebmi.fields import IN_FILE, length_factor
+
+    factor = length_factor(variable.units, where, IN_FILE) if hasattr(variable, "units") else 1.0
+    return factor * unmasked(values)
 
 
 # ---- coast and inflow ---------------------------------------------------------------------------

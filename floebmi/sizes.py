@@ -7,6 +7,7 @@ a packing estimates how many floes it needs.
 
 import csv
 import math
+import re
 import reprlib
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -16,6 +17,10 @@ from annotated_types import Ge, Le, MinLen
 
 from floebmi.errors import InputError
 from floebmi.quantities import NonNegative, Positive, check, number_in
+
+# What a header may say that is no radius [m].
+_NO_RADII = {"diameter", "diameters", "area", "areas", "perimeter", "length", "width", "caliper"}
+_OTHER_UNITS = {"km", "km2", "m2", "cm", "mm", "ft"}
 
 Exponent = Annotated[float, Ge(-20), Le(20)]
 
@@ -247,6 +252,9 @@ def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
         raise InputError(f"{path}: not a CSV file ({error})") from None
     if not lines:
         raise InputError(f"{path}: empty; must have a header line")
+    header = lines[0][1]
+    if len(header) == 1 and (other := re.search(r"[;\t]", header[0])):
+        raise InputError(f"{path}: its columns are parted by {other[0]!r}; must be by commas")
     return lines
 
 
@@ -270,6 +278,15 @@ def from_file(path: str | Path) -> Histogram | Empirical:
         )
     if _is_number(header[0]):
         raise InputError(f"{path}: row {first} = {header[0]!r}; must be a header, such as 'radius'")
+    words = set(re.findall(r"[a-z]+2?", header[0].lower()))
+    if words & _OTHER_UNITS or (words & _NO_RADII and not words & {"radius", "radii"}):
+        raise InputError(
+            f"{path}: column {header[0].strip()!r}: must be radii in metres, as 'radius'"
+        )
+    if len(header) == 2 and re.search(r"radi(us|i)|edge", header[1].lower()):
+        raise InputError(
+            f"{path}: column {header[1].strip()!r}: must be counts, behind the edges of the bins"
+        )
     columns: list[list[float]] = [[] for _ in header]
     last = rows[-1][0]
     for number, row in rows:

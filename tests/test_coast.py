@@ -312,6 +312,25 @@ def test_geojson_in_degrees_needs_a_projection(tmp_path):
         from_geojson(path, radius=1000.0, projection="EPSG:nowhere")
 
 
+def test_geojson_in_metres_is_refused_where_a_projection_is_given(tmp_path):
+    isle = {"type": "Polygon", "coordinates": [[[3e3, 0], [4e3, 0], [4e3, 1e3], [3e3, 0]]]}
+    with pytest.raises(InputError, match="feature 0: 3000, 0 are no longitude and latitude"):
+        from_geojson(geojson(tmp_path, isle), radius=100.0, projection="EPSG:3413")
+
+
+def test_an_edge_that_goes_the_long_way_round_the_globe_is_warned_of(tmp_path):
+    west, plane = np.array([179.0, -179, -179, 179]), "+proj=laea +lat_0=75 +lon_0=180"
+
+    def isle(lon):
+        ring = np.column_stack([lon, [75, 75, 76, 76]]).tolist()
+        return geojson(tmp_path, {"type": "Polygon", "coordinates": [[*ring, ring[0]]]})
+
+    with pytest.warns(UserWarning, match="over 358° of longitude.* such as 181 for -179"):
+        from_geojson(isle(west), radius=5000.0, projection=plane)
+    coast = from_geojson(isle(west % 360), radius=5000.0, projection=plane)
+    assert land_geometry(coast.polygons).area == pytest.approx(111e3 * 56e3, rel=0.05)
+
+
 @pytest.mark.parametrize(
     "text, said",
     [

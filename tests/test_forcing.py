@@ -206,6 +206,7 @@ AXES = {  # by the names of variables, and by standard names
 @pytest.mark.parametrize(
     ("kind", "axes", "names"), [(*key, names) for key, pairs in AXES.items() for names in pairs]
 )
+@pytest.mark.filterwarnings("ignore:.*as NEMO writes them")
 def test_a_name_tells_the_axes_of_its_components_or_does_not(tmp_path, kind, axes, names):
     """On cells that are turned against east."""
     data = roms()[["lon_rho", "lat_rho"]].rename({"lon_rho": "lon", "lat_rho": "lat"})

@@ -49,7 +49,7 @@ def test_rounding_beyond_a_bound_is_set_to_it_with_a_warning_and_more_is_an_erro
         values = read_scalar(data, "area_fraction", square())
     assert values.min() == 0.0
     wrong = on_metres(aice=(80.0, CONCENTRATION))
-    with pytest.raises(InputError, match="aice at cell 0: 80; must lie in 0 … 1"):
+    with pytest.raises(InputError, match=r"aice\[1, 1\]: 80; must lie in 0 … 1"):
         read_scalar(wrong, "area_fraction", square())
 
 
@@ -112,13 +112,13 @@ def test_ice_is_no_thinner_beside_open_water(with_concentration):
 def test_a_fill_value_that_the_file_does_not_declare_is_no_thickness(fill, kind):
     data = on_metres(siconc=(0.5, CONCENTRATION), sithick=(1.0, THICKNESS))
     data.sithick[5, 5] = fill
-    with pytest.raises(InputError, match=r"sithick at cell \d+: .* 0 … 1000 .*fill value"):
+    with pytest.raises(InputError, match=r"sithick\[\d+, \d+\]: .* 0 … 1000 .*fill value"):
         read_scalar(data, "thickness", square(), thickness_of=kind)
 
 
 def test_volume_is_not_made_of_a_concentration_beyond_its_bounds():
     data = on_metres(siconc=(50.0, CONCENTRATION), sithick=(1.0, THICKNESS))
-    with pytest.raises(InputError, match="siconc at cell 0: 50; must lie in 0 … 1"):
+    with pytest.raises(InputError, match=r"siconc\[1, 1\]: 50; must lie in 0 … 1"):
         read_scalar(data, "sea_ice_volume", square())
 
 

@@ -771,10 +771,10 @@ def test_a_thickness_without_units_has_those_of_the_scene(write, sea, tmp_path):
     assert floes.thickness.max() == pytest.approx(0.01)
     text = refused(write(ice + "units = 'cm'\nthickness = 1.5\n"))
     assert "units is about a thickness in the file, not about thickness = 1.5 of all floes" in text
-    data.aice.attrs["units"] = "0-1"
+    data.aice.attrs["units"] = "tenths"
     data.to_netcdf(tmp_path / "odd.nc")
     text = refused(write(ice.replace("bare.nc", "odd.nc")))
-    assert "units = '0-1'; must be a fraction: 1 or % (put right its attribute units)" in text
+    assert "units = 'tenths'; must be a fraction: 1 or % (put right its attribute units)" in text
 
 
 def test_a_field_without_ice_and_a_file_without_floes_are_told(write, sea, tmp_path):

@@ -157,7 +157,8 @@ def write(tmp_path, text):
 
 
 def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
-    assert from_file(write(tmp_path, "radius\n10\n20.5\n")) == Empirical((10.0, 20.5))
+    for name in ("radius", "Radius [m]", "radius_m", "area-equivalent radius", "r"):
+        assert from_file(write(tmp_path, f"{name}\n10\n20.5\n")) == Empirical((10.0, 20.5))
     histogram = Histogram((10.0, 20.0, 40.0), (3.0, 1.0))
     for last in ("40,", "40,0", "40"):
         assert from_file(write(tmp_path, f"edge,count\n10,3\n20,1\n{last}\n")) == histogram
@@ -176,6 +177,12 @@ def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
         ("edge,count\n10,3,4\n20,\n", "row 2 has 3 values; must be 2"),
         ("a,b,c\n1,2,3\n", "3 columns"),
         ("radius\n", "0 rows"),
+        ("diameter\n10\n", "column 'diameter': must be radii in metres"),
+        ("area\n10\n", "must be radii in metres"),
+        ("radius [km]\n10\n", "must be radii in metres"),
+        ("edge_km,count\n10,3\n20,\n", "must be radii in metres"),
+        ("id,radius\n1,10\n2,0\n", "column 'radius': must be counts"),
+        ("edge;count\n10;3\n20;\n", "its columns are parted by ';'; must be by commas"),
         ("", "empty"),
     ],
 )
