@@ -5,16 +5,14 @@ a few floes are of another kind: a step costs them more than its floes do.
 """
 
 import json
-import os
 import platform
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import platformdirs
 
-from floebmi.files import in_one_go
+from floebmi.files import cache_folder, in_one_go
 from floebmi.running import Forcing
 
 if TYPE_CHECKING:
@@ -81,8 +79,7 @@ def measure(built: "Built", duration: float | None) -> Cost:
 
 
 def _file() -> Path:
-    root = os.environ.get("FLOEBMI_CACHE") or platformdirs.user_cache_dir("floebmi")
-    return Path(root) / f"costs-{platform.node()}.json"
+    return cache_folder() / f"costs-{platform.node()}.json"
 
 
 def _all() -> dict[str, list[float]]:
