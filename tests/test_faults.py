@@ -304,3 +304,40 @@ def test_nan_in_the_middle_of_a_forcing_file_stops_the_run_which_goes_on_with_a_
     whole = drifting()
     run(whole, 100.0, water("whole.nc", False), every=10.0, exchange=5.0)
     np.testing.assert_array_equal(model.floes.x, whole.floes.x)
+
+
+# ---- the streams ------------------------------------------------------------------------------
+
+
+def with_streams(*words, **streams):
+    return subprocess.run([sys.executable, "-m", "floebmi", *words], check=False, **streams)
+
+
+full = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is always full")
+
+
+@full
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["scene"]])
+def test_an_output_stream_that_takes_nothing_is_named(words):
+    with open("/dev/full", "w") as disk:
+        done = with_streams(*words, stdout=disk, stderr=subprocess.PIPE, text=True)
+    assert done.stderr == "floebmi: standard output: No space left on device\n"
+    assert done.returncode == 2
+
+
+@full
+def test_an_error_stream_that_takes_nothing_changes_no_exit_code(tmp_path):
+    with open("/dev/full", "w") as disk:
+        assert with_streams("run", "nowhere", stderr=disk).returncode == 2
+        done = with_streams(
+            "run", "two-floes", "--to", "out", "--set", "time.duration=15",
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=disk, text=True,
+        )  # fmt: skip
+    assert done.returncode == 0 and "wrote out/floes.nc" in done.stdout.replace(os.sep, "/")
+
+
+def test_signs_that_an_output_stream_does_not_have_are_no_reason_to_stop():
+    latin = os.environ | {"PYTHONIOENCODING": "latin-1", "PYTHONUTF8": "0"}
+    done = with_streams("explain", "two-floes", env=latin, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert "floes" in done.stdout.decode("latin-1")
