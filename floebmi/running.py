@@ -253,7 +253,9 @@ def run(
                 if interrupted:
                     break
         except BaseException as error:
-            _save(restart, state, of_state, error)
+            # a run that got nowhere does not replace the state of an earlier one
+            if state["time"] > start or not (restart and Path(restart).exists()):
+                _save(restart, state, of_state, error)
             raise
     if restart is not None:
         with clock.of("output"):

@@ -182,6 +182,20 @@ def test_a_disk_that_is_really_full_keeps_the_frames_and_the_state(tmp_path):
     assert state["time"] == pytest.approx(times[-1] + 0.05)
 
 
+def test_a_run_that_gets_nowhere_leaves_the_state_of_an_earlier_one(tmp_path, monkeypatch):
+    files = {"trajectories": tmp_path / "floes.nc", "restart": tmp_path / "restart.nc"}
+    run(drifting(), 10.0, **files)
+
+    def refuse(*columns):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(TrajectoryWriter, "write", refuse)
+    with pytest.raises(OSError) as caught:
+        run(drifting(), 5.0, **files, overwrite=True)
+    assert not hasattr(caught.value, "__notes__")
+    assert restored(tmp_path / "restart.nc").time == frames(tmp_path / "floes.nc")[0][-1] == 10.0
+
+
 # ---- damaged and disputed files ---------------------------------------------------------------
 
 
