@@ -84,9 +84,10 @@ def _file() -> Path:
 
 def _all() -> dict[str, list[float]]:
     try:
-        return json.loads(_file().read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # none yet, or cut short: it is measured again
-        return {}
+        found = json.loads(_file().read_text(encoding="utf-8"))
+        return {name: [float(v) for v in pair] for name, pair in found.items() if len(pair) == 2}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}  # none yet, cut short, or of another make: it is measured again
 
 
 def stored(model: "Model") -> Cost | None:
