@@ -5,16 +5,14 @@ a few floes are of another kind: a step costs them more than its floes do.
 """
 
 import json
-import os
 import platform
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import platformdirs
 
-from floebmi.files import in_one_go
+from floebmi.files import cache_folder, in_one_go
 from floebmi.running import Forcing
 
 if TYPE_CHECKING:
@@ -81,15 +79,15 @@ def measure(built: "Built", duration: float | None) -> Cost:
 
 
 def _file() -> Path:
-    root = os.environ.get("FLOEBMI_CACHE") or platformdirs.user_cache_dir("floebmi")
-    return Path(root) / f"costs-{platform.node()}.json"
+    return cache_folder() / f"costs-{platform.node()}.json"
 
 
 def _all() -> dict[str, list[float]]:
     try:
-        return json.loads(_file().read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # none yet, or cut short: it is measured again
-        return {}
+        found = json.loads(_file().read_text(encoding="utf-8"))
+        return {name: [float(v) for v in pair] for name, pair in found.items() if len(pair) == 2}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}  # none yet, cut short, or of another make: it is measured again
 
 
 def stored(model: "Model") -> Cost | None:

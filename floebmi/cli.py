@@ -17,6 +17,7 @@ from click.shell_completion import CompletionItem
 from floebmi import __version__
 from floebmi.errors import InputError, choose
 from floebmi.experiments.commands import experiment
+from floebmi.meter import meter, say
 from floebmi.one_line import PATH, Group, fail
 
 if TYPE_CHECKING:
@@ -174,11 +175,8 @@ def run(
             click.echo(report.profile())
         click.echo("\n".join(f"wrote {path}" for path in files))
     if not report.finished:
-        click.echo(
-            f"floebmi: stopped at t = {report.end:g} s; go on with: "
-            + _going_on(scene, overrides, duration, accuracy, last_state),
-            err=True,
-        )
+        command = _going_on(scene, overrides, duration, accuracy, last_state)
+        say(f"floebmi: stopped at t = {report.end:g} s; go on with: {command}")
         sys.exit(130)
 
 
@@ -577,15 +575,12 @@ def export(file: Path, target: Path | None, force: bool) -> None:
 
 @contextlib.contextmanager
 def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
-    from tqdm import tqdm
-
-    bar: tqdm | None = None  # none before there is something to count: an error stands alone
+    bar = None  # none before there is something to count: an error stands alone
 
     def show(done: int, total: int) -> None:
         nonlocal bar
         if bar is None:
-            every = 0.2 if sys.stderr.isatty() else 5.0
-            bar = tqdm(total=total, unit=f" {unit}", mininterval=every)
+            bar = meter(total=total, unit=f" {unit}")
         bar.update(done - bar.n)
 
     try:

@@ -16,7 +16,7 @@ import json
 import multiprocessing
 import os
 import signal
-import sys
+import threading
 import warnings
 import zipfile
 from collections import Counter
@@ -31,6 +31,7 @@ import numpy as np
 from floebmi import __version__
 from floebmi.errors import InputError
 from floebmi.files import in_one_go
+from floebmi.meter import meter, say
 
 if TYPE_CHECKING:
     import distributed
@@ -265,7 +266,7 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
         ) from None
     if note.exists():
         try:
-            theirs = json.loads(note.read_text())
+            theirs = json.loads(note.read_text(encoding="utf-8"))
         except ValueError:
             raise InputError(f"{note}: is damaged; remove the folder, or give another") from None
         differ = [
@@ -284,7 +285,7 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
         raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
     folder.mkdir(parents=True, exist_ok=True)
     with in_one_go(note) as part:
-        part.write_text(text)
+        part.write_text(text, encoding="utf-8")
 
 
 def _store(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -312,12 +313,23 @@ _heard: list[Warning] = []  # in a worker: warnings that nobody has been told ye
 
 
 def _start_worker() -> None:
-    """One thread a process; an interrupt, and what warnings say, is for the process that asked for the members."""
+    """One thread a process; an interrupt, and what warnings say, is for the process that asked for the members.
+
+    Without that process, be it killed, there is nobody to work for.
+    """
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     for name in THREADS:
         os.environ[name] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter("default", UserWarning)
     warnings.showwarning = lambda message, *place: _heard.append(message)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _attempt(
@@ -366,8 +378,14 @@ def _spread(
 def _in_a_pool(keys, arguments, keep, jobs):
     context = multiprocessing.get_context("spawn")
     workers = min(jobs, len(keys)) or 1
+    others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(workers, context, _start_worker) as pool:
-        return _collect(pool, keys, arguments, keep)
+        try:
+            return _collect(pool, keys, arguments, keep)
+        except KeyboardInterrupt:  # nobody will keep what is being made, which may take hours
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
+            raise
 
 
 def _collect(executor, keys, arguments, keep):
@@ -413,21 +431,10 @@ class _Quiet:
         try:
             warnings.warn(text, stacklevel=4)
         except UserWarning:  # python -W error; the other members go on all the same
-            print(text, file=sys.stderr)
+            say(text)
 
 
 def _bar(total: int, initial: int, progress: bool) -> Any:
     if not progress:
         return _Quiet()
-    from tqdm import tqdm
-
-    class Bar(tqdm):
-        def write(self, text: str) -> None:  # beside the bar, on the same stream
-            super().write(text, file=sys.stderr)
-
-    return Bar(
-        total=total,
-        initial=initial,
-        unit=" members",
-        mininterval=0.2 if sys.stderr.isatty() else 5.0,
-    )
+    return meter(total=total, initial=initial, unit=" members")

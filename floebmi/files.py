@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import platformdirs
+
 from floebmi.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,6 +28,14 @@ def contents(path: Path) -> str:
         digest.update(f"{one.relative_to(path).as_posix()} {own}\n".encode())
         size += one.stat().st_size
     return f"{size} bytes, {digest.hexdigest()[:16]}"
+
+
+def cache_folder() -> Path:
+    """Where what saves time is kept from one run to the next: the user's cache folder, unless FLOEBMI_CACHE names one."""
+    folder = os.environ.get("FLOEBMI_CACHE") or platformdirs.user_cache_dir("floebmi")
+    if folder.startswith("~"):  # a user without a home; a folder here of that name would be a trap
+        folder = os.path.join(os.devnull, "floebmi")
+    return Path(os.path.abspath(folder))
 
 
 def check_folder(path: Path) -> None:

@@ -453,6 +453,8 @@ class Model:
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
 
+        Several threads may each advance a model of their own; two that advance one and the same at once spoil it.
+
         Raises
         ------
         InputError

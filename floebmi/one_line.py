@@ -6,6 +6,7 @@ asks for the traceback.
 
 import contextlib
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 import click
 
 from floebmi.errors import InputError, StabilityError, choose
+from floebmi.meter import say
 
 
 class Command(click.Command):
@@ -41,6 +43,8 @@ class Group(click.Group):
     def main(self, args: Sequence[str] | None = None, **settings: Any) -> Any:
         if not settings.pop("standalone_mode", True):
             return super().main(args, standalone_mode=False, **settings)
+        with contextlib.suppress(AttributeError):  # such as Latin-1: a lost sign is no lost run
+            sys.stdout.reconfigure(errors="replace")
         try:
             settings["prog_name"] = "floebmi"
             code = super().main(args, standalone_mode=False, **settings)
@@ -51,6 +55,8 @@ class Group(click.Group):
             fail(_usage(error), error.exit_code)
         except click.Abort:
             fail("stopped", 130)
+        except OSError as error:  # of what is printed before a command begins, such as its help
+            fail(_of_the_system(error), 2)
         sys.exit(code if isinstance(code, int) else 0)
 
     def resolve_command(
@@ -78,8 +84,7 @@ def _errors_in_one_line() -> Iterator[None]:
     except StabilityError as error:
         fail(_with_notes(error), 3)
     except OSError as error:
-        name = f"{error.filename}: " if error.filename else ""
-        fail(f"{name}{error.strerror or error}{_notes(error)}", 2)
+        fail(_of_the_system(error), 2)
     except MemoryError as error:
         fail(
             f"not enough memory: {_with_notes(error)}; must be fewer cells or floes (sizes are in m)",
@@ -94,6 +99,14 @@ def _errors_in_one_line() -> Iterator[None]:
         fail(f"error in the program: {type(error).__name__}: {text}; --debug shows where", 1)
 
 
+def _of_the_system(error: OSError) -> str:
+    name = f"{error.filename}: " if error.filename else ""
+    *_, (last, _) = traceback.walk_tb(error.__traceback__)
+    if not name and last.f_code is click.echo.__code__:
+        name = "standard output: "
+    return f"{name}{error.strerror or error}{_notes(error)}"
+
+
 def _with_notes(error: BaseException) -> str:
     return f"{error}{_notes(error)}"
 
@@ -104,7 +117,7 @@ def _notes(error: BaseException) -> str:
 
 def fail(text: str, code: int) -> None:
     """End the program with one line and an exit code."""
-    click.echo(f"floebmi: {' '.join(text.split())}", err=True)
+    say(f"floebmi: {' '.join(text.split())}")
     sys.exit(code)
 
 
@@ -115,7 +128,7 @@ def _warnings_in_one_line() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *place: object) -> None:
         line = " ".join(str(message).split())
         if line not in told:
-            click.echo(f"floebmi: warning: {line}", err=True)
+            say(f"floebmi: warning: {line}")
         told.add(line)
 
     with warnings.catch_warnings():

@@ -74,13 +74,13 @@ def export(
         for k, (suffix, text) in enumerate(frames):
             file = folder / f"{name}_{k:05d}.{suffix}"
             with in_one_go(file) as part:
-                part.write_text(text)
+                part.write_text(text, encoding="utf-8")
             entries.append(f'<DataSet timestep="{times[k]!r}" file="{file.name}"/>')
             if progress is not None:
                 progress(k + 1, len(times))
     collection = folder / f"{name}.pvd"
     with in_one_go(collection) as part:
-        part.write_text(_document("Collection", entries))
+        part.write_text(_document("Collection", entries), encoding="utf-8")
     return collection
 
 

@@ -11,10 +11,12 @@ that PyPI's imageio-ffmpeg brings; matplotlib's own writers would look for one o
 """
 
 import base64
+import errno
 import json
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
@@ -1121,15 +1123,31 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
     height, width = first.shape[:2]
     pipe = imageio_ffmpeg.write_frames(
         path, (width, height), fps=fps, codec="libx264", quality=None, macro_block_size=2,
-        output_params=["-crf", "20", "-movflags", "+faststart", "-f", "mp4"],
+        output_params=["-crf", "20", "-movflags", "+faststart", "-f", "mp4"], ffmpeg_log_level="quiet",
     )  # fmt: skip
     pipe.send(None)
+    sent, whole = 0, True
     try:
-        pipe.send(first)
-        for image in images:
+        for image in chain([first], images):
             pipe.send(image)
+            sent += 1
+    except OSError:  # ffmpeg has ended
+        whole = False
     finally:
         pipe.close()
+    if not whole or _frames_in(path) != sent:  # what went wrong at the end, ffmpeg does not tell
+        with open(path, "ab", buffering=0) as file:  # the system does
+            file.write(bytes(1 << 20))
+        raise OSError(errno.EIO, "ffmpeg could not write the film: is the disk full?")
+
+
+def _frames_in(film: Path) -> int:
+    import imageio_ffmpeg
+
+    try:
+        return imageio_ffmpeg.count_frames_and_secs(film)[0]
+    except RuntimeError:  # it is torn
+        return 0
 
 
 def _write_gif(path: Path, images: Iterator[np.ndarray], fps: int) -> None:

@@ -9,7 +9,6 @@ readable, and the state at the last exchange is saved if a place for it was give
 import contextlib
 import dataclasses
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from floebmi.errors import InputError, in_line
+from floebmi.meter import meter
 from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
@@ -253,7 +253,9 @@ def run(
                 if interrupted:
                     break
         except BaseException as error:
-            _save(restart, state, of_state, error)
+            # a run that got nowhere does not replace the state of an earlier one
+            if state["time"] > start or not (restart and Path(restart).exists()):
+                _save(restart, state, of_state, error)
             raise
     if restart is not None:
         with clock.of("output"):
@@ -490,21 +492,19 @@ class _Meter:
     """Simulated time, floe-steps per second, simulated days per hour on the clock, time left."""
 
     def __init__(self, model: "Model", total: float, show: bool) -> None:
-        from tqdm import tqdm
-
         self._start, self._total = model.time, total
         self._last: tuple[float, float, int] | None = None
-        self._bar = tqdm(
-            total=total,
-            disable=not show,
-            desc="first step: compiling if need be" if show else None,
-            bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed} (left {remaining}){postfix}",
-            mininterval=0.2 if sys.stderr.isatty() else 5.0,
-            dynamic_ncols=True,
-        )
+        self._bar = None
+        if show:
+            self._bar = meter(
+                total=total,
+                desc="first step: compiling if need be",
+                bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed} (left {remaining}){postfix}",
+                dynamic_ncols=True,
+            )
 
     def update(self, model: "Model") -> None:
-        if self._bar.disable:
+        if self._bar is None:
             return
         now = (time.perf_counter(), model.time, model.counters.floe_steps)
         if self._last is not None and now[0] > self._last[0]:
@@ -530,4 +530,5 @@ class _Meter:
         error: BaseException | None,
         at: TracebackType | None,
     ) -> None:
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()

@@ -33,6 +33,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose, in_line
+from floebmi.files import in_one_go
 from floebmi.floes import Floes
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
@@ -942,7 +943,8 @@ def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:
     for old, new in copies.items():
         try:
             new.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(old, new)
+            with in_one_go(new) as part:
+                shutil.copyfile(old, part)
         except OSError as error:
             raise InputError(f"{new}: cannot be written ({error.strerror})") from None
     return list(copies.values())

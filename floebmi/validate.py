@@ -34,6 +34,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError, choose
+from floebmi.files import in_one_go
 from floebmi.floes import FIXED, FIXED_ROTATION, FIXED_X, Floes
 from floebmi.forces import AirDrag, Coriolis, OceanDrag
 from floebmi.grid import Grid
@@ -155,7 +156,9 @@ def save(results: dict[str, list[Measure]], path: str | Path) -> None:
         }
         for name, measures in results.items()
     }  # fmt: skip
-    Path(path).write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    with in_one_go(Path(path)) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 # ---- what several cases use ----------------------------------------------------------------------

@@ -85,7 +85,7 @@ def test_what_kernels_compile_in_is_of_files_that_their_cache_is_named_after():
     hashed = {
         name
         for name, source in sources.items()
-        if "kernels import" in source or "from numba" in source  # as in `kernels._cache_folder`
+        if "kernels import" in source or "from numba" in source  # as in `kept_code._folder`
     }
     compiled = {"jit", "in_place", "inlined", "inner", "dispatched", "register", "overload"}
     for file in sorted(hashed):

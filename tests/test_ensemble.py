@@ -1,6 +1,10 @@
 """Ensembles: members once and for all, failures in one line, one data set."""
 
 import os
+import pathlib
+import signal
+import subprocess
+import sys
 import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -53,6 +57,31 @@ def wary(p, seed):
 
 def wary_of_two(p, seed):
     return wary(p, seed) if p["a"] == 2.0 and seed == 1 else moody(p, seed)
+
+
+def endless(p, seed):
+    part = f"{p['log']}.part"
+    with open(part, "w") as log:
+        log.write(str(os.getpid()))
+    os.rename(part, p["log"])
+    time.sleep(200.0)
+
+
+def within(seconds, true):
+    """Whether it comes true so soon."""
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.05)
+    return true()
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = pathlib.Path(f"/proc/{pid}/stat")
+    return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
 def tell_threads(p, seed):
@@ -230,6 +259,28 @@ def test_an_interrupt_stops_it_and_what_is_finished_stays(tmp_path):
         ensemble.run(interrupted, {}, {"a": (1.0, 2.0)}, (1, 2), tmp_path / "m", jobs=1)
     assert stop.value.__notes__ == ["2 of 4 members are finished, and will not be run again"]
     assert len(list((tmp_path / "m").glob("*.npz"))) == 2
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="of POSIX")
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGKILL"])
+def test_workers_end_with_the_process_that_they_work_for(tmp_path, how):
+    code = (
+        f"import sys; sys.path.insert(0, {os.path.dirname(__file__)!r})\n"
+        "from test_ensemble import endless; from floebmi import ensemble\n"
+        f"ensemble.run(endless, {{'log': {str(tmp_path / 'pid')!r}}}, {{}}, (1, 2), 'm', jobs=2)"
+    )
+    caller = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=tmp_path, stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    try:
+        assert within(100.0, (tmp_path / "pid").exists)
+        worker = int((tmp_path / "pid").read_text())
+        caller.send_signal(getattr(signal, how))
+        assert caller.wait(20.0) != 0
+        assert within(20.0, lambda: not alive(worker))
+    finally:
+        caller.kill()
 
 
 def test_an_ensemble_of_failures_only_makes_no_data_set(tmp_path):

@@ -182,6 +182,20 @@ def test_a_disk_that_is_really_full_keeps_the_frames_and_the_state(tmp_path):
     assert state["time"] == pytest.approx(times[-1] + 0.05)
 
 
+def test_a_run_that_gets_nowhere_leaves_the_state_of_an_earlier_one(tmp_path, monkeypatch):
+    files = {"trajectories": tmp_path / "floes.nc", "restart": tmp_path / "restart.nc"}
+    run(drifting(), 10.0, **files)
+
+    def refuse(*columns):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(TrajectoryWriter, "write", refuse)
+    with pytest.raises(OSError) as caught:
+        run(drifting(), 5.0, **files, overwrite=True)
+    assert not hasattr(caught.value, "__notes__")
+    assert restored(tmp_path / "restart.nc").time == frames(tmp_path / "floes.nc")[0][-1] == 10.0
+
+
 # ---- damaged and disputed files ---------------------------------------------------------------
 
 
@@ -304,3 +318,40 @@ def test_nan_in_the_middle_of_a_forcing_file_stops_the_run_which_goes_on_with_a_
     whole = drifting()
     run(whole, 100.0, water("whole.nc", False), every=10.0, exchange=5.0)
     np.testing.assert_array_equal(model.floes.x, whole.floes.x)
+
+
+# ---- the streams ------------------------------------------------------------------------------
+
+
+def with_streams(*words, **streams):
+    return subprocess.run([sys.executable, "-m", "floebmi", *words], check=False, **streams)
+
+
+full = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is always full")
+
+
+@full
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["scene"]])
+def test_an_output_stream_that_takes_nothing_is_named(words):
+    with open("/dev/full", "w") as disk:
+        done = with_streams(*words, stdout=disk, stderr=subprocess.PIPE, text=True)
+    assert done.stderr == "floebmi: standard output: No space left on device\n"
+    assert done.returncode == 2
+
+
+@full
+def test_an_error_stream_that_takes_nothing_changes_no_exit_code(tmp_path):
+    with open("/dev/full", "w") as disk:
+        assert with_streams("run", "nowhere", stderr=disk).returncode == 2
+        done = with_streams(
+            "run", "two-floes", "--to", "out", "--set", "time.duration=15",
+            cwd=tmp_path, stdout=subprocess.PIPE, stderr=disk, text=True,
+        )  # fmt: skip
+    assert done.returncode == 0 and "wrote out/floes.nc" in done.stdout.replace(os.sep, "/")
+
+
+def test_signs_that_an_output_stream_does_not_have_are_no_reason_to_stop():
+    latin = os.environ | {"PYTHONIOENCODING": "latin-1", "PYTHONUTF8": "0"}
+    done = with_streams("explain", "two-floes", env=latin, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert "floes" in done.stdout.decode("latin-1")

@@ -462,6 +462,20 @@ def test_a_film_that_fails_leaves_nothing_behind(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_film_that_the_disk_has_no_room_for_is_told_of_in_a_line(run, tmp_path, capfd):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(OSError) as error:
+            draw.animate(run[1], to=tmp_path / "a.mp4", size=300)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert (error.value.errno, error.value.filename) == (errno.EFBIG, str(tmp_path / "a.mp4"))
+    assert capfd.readouterr() == ("", "")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("kind", ["mp4", "gif"])
 def test_a_film_that_cannot_be_written_is_told_of_as_the_system_does(run, tmp_path, kind, capfd):
     path = tmp_path / f"a.{kind}"

@@ -1,7 +1,9 @@
 """Runs: forcing, advance, frames, and what is left when a run ends early."""
 
+import errno
 import os
 import signal
+import sys
 import threading
 
 import numpy as np
@@ -397,3 +399,33 @@ def test_what_is_no_model_or_no_forcing_is_refused_in_one_line():
             run(drifting(), 10.0, wrong)
     with pytest.raises(InputError, match="^grid = None: must be a Grid$"):
         Function(0.1, 0.0, None)
+
+
+# ---- the meter --------------------------------------------------------------------------------
+
+
+class Full:
+    """An error stream whose disk is full."""
+
+    encoding = "utf-8"
+    closed = False
+
+    def write(self, text):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    flush = isatty = lambda self: self.write("")
+
+
+@pytest.mark.parametrize("stream", [Full(), None], ids=["full", "none"])
+@pytest.mark.parametrize("progress", [True, False])
+def test_a_run_does_not_end_for_want_of_an_error_stream(monkeypatch, stream, progress):
+    monkeypatch.setattr(Full, "isatty", lambda self: False)
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert run(drifting(), 10.0, every=1.0, progress=progress).finished
+
+
+@pytest.mark.parametrize("progress", [True, False])
+def test_a_run_leaves_no_thread_behind(progress):
+    before = threading.active_count()
+    run(drifting(), 10.0, every=1.0, progress=progress)
+    assert threading.active_count() == before

@@ -1,6 +1,10 @@
 """Scene files: from text to checked tables, and from tables to a model."""
 
+import errno
 import json
+import os
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -915,6 +919,19 @@ def test_a_copied_scene_has_its_data_beside_it(name, tmp_path):
         copy_scene(name, tmp_path / "mine.toml")
     copy_scene(name, tmp_path / "mine.toml", force=True)
     assert read_scene(tmp_path / "mine.toml").model_dump() == copied.model_dump()
+
+
+def test_a_scene_that_the_disk_has_no_room_for_leaves_the_earlier_one(tmp_path, monkeypatch):
+    def torn(old, new):
+        Path(new).write_bytes(b"torn")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (tmp_path / "mine.toml").write_text("edited")
+    monkeypatch.setattr(shutil, "copyfile", torn)
+    with pytest.raises(InputError, match="mine.toml: cannot be written .No space left on device"):
+        copy_scene("two-floes", tmp_path / "mine.toml", force=True)
+    assert (tmp_path / "mine.toml").read_text() == "edited"
+    assert os.listdir(tmp_path) == ["mine.toml"]
 
 
 def test_every_key_of_a_scene_is_described():

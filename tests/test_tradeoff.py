@@ -431,6 +431,9 @@ def test_a_calibration_is_kept_for_scenes_of_its_kind(tmp_path, monkeypatch):
     assert list(json.loads(file.read_text())) == [calibration.kind(model)]
     other = read_scene(path, ["contact=none"]).build().model
     assert calibration.stored(other) is None
+    for text in ("[]", "null", "", f'{{"{calibration.kind(model)}": [1.0]}}', '{"a": 3}'):
+        file.write_text(text)  # of another make, or cut short
+        assert calibration.stored(model) is None
 
 
 def test_the_cost_of_a_run_is_that_of_its_steps_and_of_its_exchanges():

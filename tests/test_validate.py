@@ -1,7 +1,10 @@
 """Every extreme keeps its pass mark: the same cases as `floebmi validate`."""
 
+import errno
 import json
 import math
+import os
+import pathlib
 
 import numpy as np
 import pytest
@@ -33,6 +36,21 @@ def test_the_long_case_keeps_its_mark(name):
 def test_there_is_a_case_for_each_row_of_the_extremes():
     assert [case.number for case in CASES.values()] == list(range(1, 23))
     assert all(case.title and case.source for case in CASES.values())
+
+
+def test_a_full_disk_leaves_the_earlier_measures(tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    validate.save({}, path)
+
+    def torn(self, text, **how):
+        self.write_bytes(text[: len(text) // 2].encode())
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pathlib.Path, "write_text", torn)
+    with pytest.raises(OSError, match="No space left on device: .*a.json"):
+        validate.save({"restart": [Measure("floes", 1.0)]}, path)
+    assert json.loads(path.read_bytes()) == {}
+    assert os.listdir(tmp_path) == ["a.json"]
 
 
 def test_lists_that_are_never_renewed_miss_the_mark_of_stale_neighbours(monkeypatch):

@@ -13,4 +13,7 @@ def packaged() -> dict[str, Path]:
 
 def titles() -> dict[str, str]:
     """The packaged scenes: name → title."""
-    return {name: tomllib.loads(path.read_text())["title"] for name, path in packaged().items()}
+    return {
+        name: tomllib.loads(path.read_text(encoding="utf-8"))["title"]
+        for name, path in packaged().items()
+    }
