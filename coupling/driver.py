@@ -186,7 +186,7 @@ class Coupling:
             if name not in filled
         )
         self._turnover = 0.0
-        self._begun: float | None = None  # of the floes, when running integrals were last remembered [s]
+        self._begun: float | None = None  # of the floes, at the last `remember` [s]
         self.ledger: list[Exchange] = []
 
     def _refuse_idle(
@@ -327,7 +327,7 @@ class Coupling:
     def _line(
         self, time: float, duration: float, stress: _Impulse, change: dict[str, np.ndarray]
     ) -> Exchange:
-        self._turnover += stress.turned  # here: an exchange that fails and is made up for counts once
+        self._turnover += stress.turned  # an exchange that fails and is made up for counts once
         return Exchange.balanced(
             len(self.ledger) + 1, time, duration,
             given=stress.given, taken=stress.taken, missed=stress.missed, turnover=self._turnover,
