@@ -258,6 +258,7 @@ class _Running:
         if isinstance(row, Scalar):
             values[0] = row.value(self.model)
         elif row.grid == "floe":
+            values[:] = 0  # a state that was loaded may have fewer floes
             values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
         elif row.intent == "out":
             made = self.means if row.name in self.means else self.parts[row.name]()

@@ -475,6 +475,25 @@ sizes = {distribution = "single", radius = 400.0}
     assert len(component.model.floes) == n and same(before, everything(component))
 
 
+def test_a_state_with_fewer_floes_leaves_nothing_of_those_that_came_later(tmp_path: Path) -> None:
+    inflow = """
+[[inflow]]
+edge = "west"
+thickness = 1.0
+velocity = [5.0, 0.0]
+sizes = {distribution = "single", radius = 400.0}
+"""
+    (tmp_path / "scene.toml").write_text(SCENE + inflow)
+    (tmp_path / "bmi.toml").write_text('[bmi]\nscene = "scene.toml"\nfloe_capacity = 100\n')
+    component = started(tmp_path / "bmi.toml")
+    n, before = len(component.model.floes), everything(component)
+    component.save_state(tmp_path / "state.nc")
+    component.update_until(600.0)
+    assert len(component.model.floes) > n
+    component.load_state(tmp_path / "state.nc")
+    assert len(component.model.floes) == n and same(before, everything(component))
+
+
 # ---- grids --------------------------------------------------------------------------------------
 
 
