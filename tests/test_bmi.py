@@ -347,6 +347,17 @@ def test_the_end_is_the_scenes_duration_or_the_largest_float(scene: Path) -> Non
     assert started(scene).get_end_time() == 600.0
 
 
+def test_a_time_that_no_run_comes_to_is_refused_as_the_end_where_no_scene_says_one(
+    scene: Path,
+) -> None:
+    component = started(scene)
+    with pytest.raises(
+        InputError, match=r"update_until: time = 1\.797.* s: is .* exchanges of 60 s"
+    ):
+        component.update_until(component.get_end_time())
+    assert component.get_current_time() == 0.0
+
+
 # ---- outputs are made when they are asked for ---------------------------------------------------
 
 
