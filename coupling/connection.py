@@ -95,7 +95,9 @@ class Connection:
     def remember(self) -> None:
         """Keep a running integral as it is before the interval."""
         if self.running:
-            self._before = self.giver.get(self.source)
+            values = self.giver.get(self.source)
+            self._refuse_not_finite(values)
+            self._before = values
 
     def instant(self) -> np.ndarray:
         """The value now; of a running integral the mean over the giver's last update."""
@@ -112,6 +114,10 @@ class Connection:
             values = self._convert(values if was_mean else values / duration)
         else:
             values = self._convert(values)
+        self._refuse_not_finite(values)
+        return values
+
+    def _refuse_not_finite(self, values: np.ndarray) -> None:
         wet = self._giver_grid_wet(values.size)
         bad = np.flatnonzero(~np.isfinite(values) & wet)
         if bad.size:
@@ -119,7 +125,6 @@ class Connection:
                 f"{self.source} of the {self.giver.name} is {values[bad[0]]} in cell {bad[0]}"
                 f" ({bad.size} such cells) at {self.giver.time():g} s"
             )
-        return values
 
     def _giver_grid_wet(self, size: int) -> np.ndarray:
         if self.regrid is None:

@@ -29,6 +29,8 @@ Only BMI calls are made, so either model may be in another process (grpc4bmi).  
   where the location says so); where cells do not follow from what BMI says, a `Grid` must be given.
   Coordinates are metres in one plane for both models; masks come with a given `Grid`, BMI has none.
 - *Time.*  Units of both clocks are compared; a model that does not land on the exchange time ends the run.
+- *After a fault.*  Where the floes stand one exchange ahead, the host gets first what it missed: the same `Coupling`
+  knows the impulse, a new one takes the floes' mean over their last update for it.
 
 The ledger has a line for each exchange, of momentum [N s] along x and y (`coupling.ledger`).  `floes` and `other` of it are
 read from scalar outputs of the floes, `host` from those of the host.
@@ -184,6 +186,7 @@ class Coupling:
             if name not in filled
         )
         self._turnover = 0.0
+        self._begun: float | None = None  # of the floes, at the last `remember` [s]
         self.ledger: list[Exchange] = []
 
     def _refuse_idle(
@@ -324,6 +327,7 @@ class Coupling:
     def _line(
         self, time: float, duration: float, stress: _Impulse, change: dict[str, np.ndarray]
     ) -> Exchange:
+        self._turnover += stress.turned  # an exchange that fails and is made up for counts once
         return Exchange.balanced(
             len(self.ledger) + 1, time, duration,
             given=stress.given, taken=stress.taken, missed=stress.missed, turnover=self._turnover,
@@ -349,7 +353,9 @@ class Coupling:
     def _catch_up(self) -> None:
         """After a fault the floes may stand one exchange ahead: give the host what it has missed, and book it.
 
-        What the floes have become in it nobody knows any more; the line leaves that out.
+        Where this coupling began that exchange, it knows what the running integrals were then; else what the floes give as
+        the mean over their last update is taken.  What the floes have become in it nobody knows any more; the line leaves
+        that out.
         """
         now, host_now = self.floes.time(), self.host.time()
         if same_time(host_now, now + self.offset, self.every):
@@ -357,14 +363,16 @@ class Coupling:
         single = [c for c in self.to_host if c.running]
         mean = [instant_name(c.source) for c in single]
         ahead = same_time(host_now + self.every, now + self.offset, self.every)
-        if not ahead or not all(name in self.floes.outputs for name in mean):
+        known = self._begun is not None and same_time(self._begun + self.every, now, self.every)
+        if not ahead or not (known or all(name in self.floes.outputs for name in mean)):
             raise InputError(
                 f"couple: the host is at {host_now:.12g} s, the floes at {now:.12g} s, which should be"
                 f" {now + self.offset:.12g} s of the host; say otherwise with offset"
             )
         before = self._accounts()
         stress = self._give_back(
-            self.every, lambda c: c.scaled(c.instant(), self.every, was_mean=True)
+            self.every,
+            lambda c: c.scaled(c.since() if known else c.instant(), self.every, was_mean=not known),
         )
         self.host.update_until(now + self.offset, self.every)
         after = self._accounts()
@@ -379,28 +387,30 @@ class Coupling:
             connection.put(connection.carry(connection.scaled(values, self.every)))
         for connection in self.to_host:
             connection.remember()
+        self._begun = self.floes.time()
 
     def _give_back(self, duration: float, means: Callable[[Connection], np.ndarray]) -> _Impulse:
         """Give the host the means over an exchange.  The floes lost it once, however many inputs take it."""
         total = _Impulse(np.zeros(2), np.zeros(2), np.zeros(2), set())
         unseen: set[int] = set()
+        turned = 0.0
         for connection in self.to_host:
             values = means(connection)
             carried = connection.put(connection.carry(values))
             axis = axis_of(connection.source)
             of_water = connection.kind == "integral" and connection.source.startswith(ON_WATER)
             if of_water and axis is not None and axis not in total.axes:
-                given, taken, missed, turned = connection.force(values, carried)
+                given, taken, missed, size = connection.force(values, carried)
                 total.given[axis] += given * duration
                 total.taken[axis] += taken * duration
                 total.missed[axis] += missed * duration
                 total.axes.add(axis)
-                self._turnover += turned * duration
+                turned += size * duration
             elif axis is not None and not of_water and BOTTOM in connection.source:
                 unseen.add(axis)
         for axis in unseen - total.axes:
             total.given[axis] = total.taken[axis] = total.missed[axis] = np.nan
-        return total
+        return total._replace(turned=turned)
 
     def _accounts(self) -> dict[str, np.ndarray]:
         """Running totals that the models offer [N s]."""
@@ -438,3 +448,4 @@ class _Impulse(NamedTuple):
     taken: np.ndarray
     missed: np.ndarray
     axes: set[int]
+    turned: float = 0.0  # Σ |.| over cells and axes

@@ -278,6 +278,7 @@ class SeaIceFloes(Component):
                 grid.add_zeros(row.csdms, at="node", units=row.units)
         self._check_outputs("SeaIceFloes")
         self._show()
+        self._shown = self._impulse()
 
     def _made(
         self,
@@ -344,11 +345,12 @@ class SeaIceFloes(Component):
         _check_units(self._grid, "run_one_step")
         self._take_inputs()
         self._books.open()
-        before = self._impulse()
         self._model.advance(float(dt))
         self._show()
-        delivered = self._grid.area_of_cell @ (self._impulse() - before)
+        shown = self._impulse()
+        delivered = self._grid.area_of_cell @ (shown - self._shown)
         self._ledger.append(self._books.close(delivered, np.zeros(2)))
+        self._shown = shown  # kept: another component may write there until the next step
 
     def _take_inputs(self) -> None:
         model = self._model
@@ -452,8 +454,10 @@ class SeaIceFloes(Component):
 
     def load_state(self, path: str | Path) -> None:
         """Take up a state that `save_state` or a failed step wrote, of the same grid and laws."""
+        self._check_outputs("load_state")
         self._books.load(path)
         self._show()
+        self._shown = self._impulse()
 
 
 def _of_scene(scene: str | Path, cells: Grid) -> Model:

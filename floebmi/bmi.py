@@ -62,6 +62,7 @@ if TYPE_CHECKING:
 
 CELLS, WHOLE, AIR, FLOES = range(4)  # BMI grids: exchange cells, one number, the air's cells, floes
 SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
+MOST_EXCHANGES = 1e9  # of one update: they would take days without a single floe
 
 _TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take
 _FLOE_ROWS = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
@@ -258,6 +259,7 @@ class _Running:
         if isinstance(row, Scalar):
             values[0] = row.value(self.model)
         elif row.grid == "floe":
+            values[:] = 0  # a state that was loaded may have fewer floes
             values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
         elif row.intent == "out":
             made = self.means if row.name in self.means else self.parts[row.name]()
@@ -369,6 +371,12 @@ class FloeBmi(Bmi):
         if time < now.model.time:
             raise InputError(
                 f"update_until: time = {float(time):.17g} s: must be at least the current time, {now.model.time:.17g} s"
+            )
+        count = (float(time) - now.model.time) / now.step
+        if count > MOST_EXCHANGES:
+            raise InputError(
+                f"update_until: time = {float(time):.17g} s: is {count:.2g} exchanges of {now.step:g} s away; "
+                f"at most {MOST_EXCHANGES:g} are allowed"
             )
         if time > now.model.time:
             now.advance(float(time))

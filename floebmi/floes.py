@@ -307,7 +307,9 @@ class Floes:
         return floes
 
     def go_back(self, earlier: "Floes") -> None:
-        """Become an earlier copy of these, in the same arrays; floes added since are gone."""
+        """Become an earlier copy of these, or floes of a restart; in the same arrays, where they have room."""
+        self._columns = {name: self._columns[name] for name in earlier._columns}
+        self._reserve(len(earlier))
         self._n = len(earlier)
         for name, column in self._columns.items():
             column[: self._n] = getattr(earlier, name)

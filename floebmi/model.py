@@ -975,7 +975,7 @@ class Model:
         s = self._state
         if not floes.same(self.floes):  # else these very floes are put back, and stay accepted
             self._accepted = None
-        vars(self)["floes"] = floes
+        self.floes.go_back(floes)  # who holds them holds those of the model still
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
         self._left, self._seen = None, _Seen(floes.copy())

@@ -347,6 +347,17 @@ def test_the_end_is_the_scenes_duration_or_the_largest_float(scene: Path) -> Non
     assert started(scene).get_end_time() == 600.0
 
 
+def test_a_time_that_no_run_comes_to_is_refused_as_the_end_where_no_scene_says_one(
+    scene: Path,
+) -> None:
+    component = started(scene)
+    with pytest.raises(
+        InputError, match=r"update_until: time = 1\.797.* s: is .* exchanges of 60 s"
+    ):
+        component.update_until(component.get_end_time())
+    assert component.get_current_time() == 0.0
+
+
 # ---- outputs are made when they are asked for ---------------------------------------------------
 
 
@@ -472,6 +483,25 @@ sizes = {distribution = "single", radius = 400.0}
     before = everything(component)
     with pytest.raises(InputError, match=f"floe_capacity = {n}"):
         component.update_until(3600.0)
+    assert len(component.model.floes) == n and same(before, everything(component))
+
+
+def test_a_state_with_fewer_floes_leaves_nothing_of_those_that_came_later(tmp_path: Path) -> None:
+    inflow = """
+[[inflow]]
+edge = "west"
+thickness = 1.0
+velocity = [5.0, 0.0]
+sizes = {distribution = "single", radius = 400.0}
+"""
+    (tmp_path / "scene.toml").write_text(SCENE + inflow)
+    (tmp_path / "bmi.toml").write_text('[bmi]\nscene = "scene.toml"\nfloe_capacity = 100\n')
+    component = started(tmp_path / "bmi.toml")
+    n, before = len(component.model.floes), everything(component)
+    component.save_state(tmp_path / "state.nc")
+    component.update_until(600.0)
+    assert len(component.model.floes) > n
+    component.load_state(tmp_path / "state.nc")
     assert len(component.model.floes) == n and same(before, everything(component))
 
 

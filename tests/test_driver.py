@@ -810,6 +810,88 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_result(ocean, tmp_path):
     np.testing.assert_allclose(restored.velocity, ice.velocity, rtol=1e-12, atol=1e-15)
 
 
+def test_the_same_coupling_goes_on_after_a_fault_to_the_same_bits(ocean):
+    """It knows the running integral from before the exchange; the stand-in's stress is that of its last step alone."""
+
+    def die(t):
+        raise RuntimeError("node lost")
+
+    straight, ice = ocean(), Ice(hexagons())
+    whole = Coupling(straight, ice, 300.0)
+    whole.run(1800.0)
+    model, other = ocean(), Ice(hexagons())
+    coupling = Coupling(failing(model, 4, die), other, 300.0)
+    with pytest.raises(CouplingError, match="exchange 4.*node lost; floes at 1200 s"):
+        coupling.run(1800.0)
+    coupling.run(1800.0)
+    assert [line.time for line in coupling.ledger] == [line.time for line in whole.ledger]
+    assert max(line.relative for line in coupling.ledger) < 1e-12
+    assert coupling.ledger[-1].turnover == whole.ledger[-1].turnover
+    for name in SURFACE:
+        assert np.array_equal(model.get_value_ptr(name), straight.get_value_ptr(name))
+    assert np.array_equal(other.velocity, ice.velocity)
+
+
+class Faulty:
+    """A model that fails once, in the n-th call of a name from now, before it has done it or right after."""
+
+    def __init__(self, model):
+        self._model, self._fault = model, None
+
+    def fail(self, name, n, after):
+        self._fault, self._left, self._after = name, n, after
+
+    def __getattr__(self, name):
+        answer = getattr(self._model, name)
+
+        def call(*given):
+            if name == self._fault:
+                self._left -= 1
+            if name != self._fault or self._left:
+                return answer(*given)
+            self._fault = None
+            if self._after:
+                answer(*given)
+            raise RuntimeError("node lost")
+
+        return call
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_in_parts_and_with_faults_anywhere_a_coupling_ends_where_one_without_does(seed, ocean):
+    """In the middle of an exchange of either model; a fault of the host after its step leaves no line of it."""
+    rng = np.random.default_rng(seed)
+    straight, ice = ocean(), Ice(hexagons())
+    Coupling(straight, ice, 120.0).run(1800.0)
+    model, other = ocean(), Ice(hexagons())
+    host, floes = Faulty(model), Faulty(other)
+    coupling, faults = Coupling(host, floes, 120.0), 0
+    for _ in range(40):
+        until = 120.0 * rng.integers(round(other.now / 120.0), 16)
+        name = rng.choice(["update_until", "get_value", "set_value", "get_current_time"])
+        rng.choice([host, floes]).fail(name, rng.integers(1, 12), after=rng.random() < 0.5)
+        try:
+            coupling.run(float(until))
+        except CouplingError as error:
+            assert "\n" not in str(error)
+            faults += 1
+        host.fail("", 0, False), floes.fail("", 0, False)
+    coupling.run(1800.0)
+    assert faults > 2
+    times = [line.time for line in coupling.ledger]
+    assert times == sorted(set(times)) and max(line.relative for line in coupling.ledger) < 1e-12
+    for name in SURFACE:
+        assert np.array_equal(model.get_value_ptr(name), straight.get_value_ptr(name))
+    assert np.array_equal(other.velocity, ice.velocity)
+
+
+def test_a_running_integral_that_is_no_number_is_refused_before_the_floes_move(ocean):
+    ice = Ice(hexagons())
+    ice.values[RUNNING[1]][3] = np.nan
+    with pytest.raises(CouplingError, match="nan in cell 3 .1 such cells. at 0 s; floes at 0 s"):
+        couple(ocean(), ice, every=60.0, until=600.0)
+
+
 def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(ocean):
     host, ice = ocean(), Ice(hexagons())
     cases = [

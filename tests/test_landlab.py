@@ -658,6 +658,21 @@ def test_a_failed_step_is_one_line_leaves_all_as_it_was_and_saves_the_state(tmp_
         np.testing.assert_array_equal(fresh.at_node[name], grid.at_node[name])
 
 
+def test_each_of_two_on_a_grid_keeps_books_of_its_own_though_they_write_the_same_fields():
+    grid = forced(RasterModelGrid((9, 10), xy_spacing=1000.0))
+    here, there = some_floes(seed=3), some_floes(seed=5)
+    one, other = SeaIceFloes(grid, floes=here), SeaIceFloes(grid, floes=there)
+    for _ in range(2):
+        one.run_one_step(60.0)
+        other.run_one_step(30.0)
+    grid.at_node[U][33] = np.nan
+    with pytest.raises(InputError, match=f"{U}: nan at node 33"):
+        one.run_one_step(60.0)
+    forced(grid)
+    one.run_one_step(60.0)
+    assert max(line.relative for line in one.ledger + other.ledger) < 1e-12
+
+
 def test_a_step_of_zero_changes_nothing():
     grid = forced(RasterModelGrid((9, 10), xy_spacing=1000.0))
     ice = SeaIceFloes(grid, floes=some_floes())

@@ -390,6 +390,18 @@ def test_a_state_may_go_on_with_other_drag_steps_and_threads_and_in_files_of_bef
         scene_of_a_restart(radius=6.0).restore(state)
 
 
+def test_who_holds_the_floes_holds_those_of_the_model_after_a_restart():
+    model, other = pair(), pair()
+    held, few = model.floes, model.state()
+    other.floes.add([60.0, -60.0], 0.0, 10.0, 1.0)
+    for state, number in ((other.state(), 4), (few, 2)):
+        model.restore(state)
+        assert model.floes is held and len(held) == number
+    held.u[:] = 0.5
+    model.advance(1.0)
+    assert held.x[0] == 0.5
+
+
 def test_no_time_changes_nothing_and_any_time_is_met_exactly():
     model = pair(contact=frictional(), forces=[OceanDrag()])
     before = model.state()
