@@ -199,13 +199,9 @@ def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | No
     attributes = corners(data, grid, suffix, dimensions)
     if projection is not None:
         attributes["grid_mapping"] = "crs"
-        for name, values in geographic(projection, grid.x, grid.y).items():
-            place = data.createVariable(name + suffix, "f8", dimensions)
-            place.setncatts(GEOGRAPHIC[name])
-            place[:] = values.reshape(grid.shape)
-            attributes["coordinates"] = (
-                f"{attributes.get('coordinates', '')} {name}{suffix}".strip()
-            )
+        _define_geographic(data, grid, suffix, dimensions, projection)
+        known = attributes.get("coordinates", "")
+        attributes["coordinates"] = f"{known} latitude{suffix} longitude{suffix}".strip()
     area = data.createVariable(f"cell_area{suffix}", "f8", dimensions)
     area.setncatts({"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"})
     area.setncatts(attributes)
@@ -216,6 +212,27 @@ def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | No
         mask.setncatts({"units": "1", **FLAGS["land_mask"], **attributes})
         mask[:] = ~grid.wet.reshape(grid.shape)
     return Place(grid, dimensions, {"cell_measures": f"area: cell_area{suffix}", **attributes})
+
+
+def _define_geographic(
+    data: "Dataset", grid: "Grid", suffix: str, dimensions: tuple[str, ...], projection: str
+) -> None:
+    """Latitude and longitude of the centres, with those of the corners as bounds: conservative remapping asks for them."""
+    nodes = geographic(projection, grid.node_x, grid.node_y)
+    faces = grid.face_nodes
+    corners = np.sum(faces >= 0, axis=1)
+    # a cell with fewer corners than others repeats its last one: a side of no length changes no area
+    which = np.minimum(np.arange(faces.shape[1]), corners[:, None] - 1)
+    faces = np.take_along_axis(faces, which, axis=1)
+    corner = f"corner{suffix}"
+    if corner not in data.dimensions:  # rectilinear: x and y have edges instead
+        data.createDimension(corner, faces.shape[1])
+    for name, values in geographic(projection, grid.x, grid.y).items():
+        place = data.createVariable(name + suffix, "f8", dimensions)
+        place.setncatts({**GEOGRAPHIC[name], "bounds": f"{name}{suffix}_bnds"})
+        place[:] = values.reshape(grid.shape)
+        bounds = data.createVariable(f"{name}{suffix}_bnds", "f8", (*dimensions, corner))
+        bounds[:] = nodes[name][faces].reshape(*grid.shape, -1)
 
 
 def _centre(axis: str) -> dict[str, str]:

@@ -168,7 +168,7 @@ def run(
     if paraview is not None:
         from floebmi.paraview import export
 
-        files.append(export(trajectories, paraview))
+        files += [export(path, paraview) for path in (trajectories, gridded) if path is not None]
     if not quiet:
         click.echo(str(report))
         if profile:

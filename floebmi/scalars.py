@@ -74,6 +74,7 @@ _LAND = Wanted(
 _CELL_MEAN = (
     r"effective|grid[- ]?cell[- ]?(mean|average)|(cell|area)[- ]mean|in (the )?(grid[ -]?)?cell"
     r"|volume per|per (unit |grid[- ]?cell )?area"
+    r"|where sea_ice over"  # CF: what lies on the ice, over the area of what is named next
 )
 _ICE_MEAN = r"where sea_ice|actual|in[- ]situ|over (the )?ice|of (the )?(ice )?floes"
 # Rounding in a file (packing, advection) reaches this far beyond a bound; more is an error [1 or m].

@@ -89,7 +89,8 @@ _HOST = "once the host or a forcing sets it; {before} until then"
 _EXCHANGE = "after the first update, 0 before: mean over the last exchange interval"
 _ENDED = "after the first update, 0 before: as the last exchange ended, in the water that it read"
 _RUNNING = "from the start, where it is 0; never reset"
-_OVER_FRAMES = "area: mean time: mean"  # in a file: the mean since the last frame
+# in a file: the mean since the last frame; of the ice alone, what open water gets is not in it
+_OVER_FRAMES = "area: mean where sea_ice over all_area_types time: mean"
 _OVER_EXCHANGE = "area: mean time: mean (over the last exchange interval)"
 _OVER_ICE = "area: mean where sea_ice time: mean (over the last exchange interval)"
 _ICE_MEAN = "area: mean where sea_ice time: point"

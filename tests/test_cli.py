@@ -585,6 +585,14 @@ def test_a_title_with_dollars_is_written_as_it_stands(cli, tmp_path):
     assert cli("plot", "two-floes", "--ledger").exit_code == 0
 
 
+def test_a_run_writes_floes_and_fields_for_paraview(cli, tmp_path):
+    result = cli(*fast("--to", "r", "--set", "output.paraview=true", "--set", "grid.shape=[1, 2]"))
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in (tmp_path / "r/paraview").glob("*.pvd")} == {
+        "floes.pvd", "fields.pvd",
+    }  # fmt: skip
+
+
 def test_a_picture_a_page_and_paraview_files_are_whole_or_not_there(cli, ran, tmp_path):
     resource = pytest.importorskip("resource")
     assert cli("plot", ran, "--to", "a.png").exit_code == 0

@@ -88,7 +88,8 @@ def test_the_file_says_over_what_its_numbers_are_means(gridded):
         ("thickness", f"{mean} where sea_ice time: point"),
         ("floe_count", "area: sum time: point"),
         ("mean_radius", f"{mean} (over floes) time: point"),
-        ("ocean_stress_x", f"{mean} time: mean"),
+        ("ocean_stress_x", f"{mean} where sea_ice over all_area_types time: mean"),
+        ("air_stress_x", f"{mean} where sea_ice over all_area_types time: mean"),
         ("wind_x", f"{mean} time: point"),
     ):
         assert gridded[find(name).file_name].attrs["cell_methods"] == told
@@ -250,6 +251,32 @@ def test_each_kind_of_grid_can_be_rebuilt_from_its_file(tmp_path, kind):
     np.testing.assert_allclose(again.area, data.cell_area.values.ravel(), rtol=1e-12)
     assert data.sea_ice_area_fraction.shape == (1, *model.grid.shape)
     assert open_strictly(path, decode_coords="all").sea_ice_thickness.coords.keys() >= {"latitude"}
+
+
+def triangle_and_square():
+    x, y = [0, 16e3, 16e3, 0, 20e3], [0, 0, 16e3, 16e3, 8e3]
+    return Grid.unstructured(x, y, [[1, 4, 2, -1], [0, 1, 2, 3]])
+
+
+@pytest.mark.parametrize("make", [*GRIDS.values(), triangle_and_square])
+def test_latitude_and_longitude_have_the_corners_of_the_cells_as_bounds(tmp_path, make):
+    import pyproj
+
+    model = small_model(make(), atmosphere_grid=make())
+    path = tmp_path / "a.nc"
+    with GriddedWriter(path, model, projection=POLAR) as writer:
+        writer.write(model)
+    data = open_strictly(path)
+    to_plane = pyproj.Transformer.from_crs("EPSG:4326", POLAR, always_xy=True)
+    for suffix in ("", "_atmosphere"):
+        corners = []
+        for name in ("longitude", "latitude"):
+            bounds = data[data[name + suffix].attrs["bounds"]]
+            assert bounds.dims == (*data[f"cell_area{suffix}"].dims, f"corner{suffix}")
+            corners.append(bounds.values)
+        x, y = to_plane.transform(*corners)
+        area = 0.5 * np.sum(x * np.roll(y, -1, -1) - y * np.roll(x, -1, -1), axis=-1)
+        np.testing.assert_allclose(area, data[f"cell_area{suffix}"], rtol=1e-6)
 
 
 def test_an_atmosphere_grid_of_its_own_has_its_own_dimensions(tmp_path):

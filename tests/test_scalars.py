@@ -53,11 +53,17 @@ def test_rounding_beyond_a_bound_is_set_to_it_with_a_warning_and_more_is_an_erro
         read_scalar(wrong, "area_fraction", square())
 
 
-def test_mean_thickness_over_the_cell_is_divided_by_the_concentration():
-    words = {"long_name": "effective (grid-cell mean) ice thickness"}
+@pytest.mark.parametrize(
+    "words",
+    [
+        {"long_name": "effective (grid-cell mean) ice thickness"},
+        {"cell_methods": "area: mean where sea_ice over sea"},
+    ],
+)
+def test_mean_thickness_over_the_cell_is_divided_by_the_concentration(words):
     data = on_metres(
         siconc=(lambda x, y: np.where(x < 5, 0.0, 0.5), CONCENTRATION),
-        sivol=(lambda x, y: np.where(x < 5, 0.0, 0.6), THICKNESS | words),
+        hice=(lambda x, y: np.where(x < 5, 0.0, 0.6), THICKNESS | words),
     )
     grid = square()
     for quantity, value in (("thickness", 1.2), ("sea_ice_volume", 0.6)):
