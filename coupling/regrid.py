@@ -265,8 +265,8 @@ class Regrid:
         """Save the overlaps, so that the next run need not find them.
 
         Names are those of the weight files of ESMF and SCRIP's successors (`S` is normalised by destination
-        area; `row`, `col` from 1; `area_a`, `mask_a`, `frac_a` of the source, `_b` of the target), which other
-        regridders read; `overlap_area` [m²] is what is read back here.
+        area; `row`, `col` from 1; `area_a`, `mask_a`, `frac_a`, and centres and corners of the cells `xc_a` … `yv_a` of
+        the source, `_b` of the target), which other regridders read; `overlap_area` [m²] is what is read back here.
 
         Raises
         ------
@@ -288,20 +288,33 @@ class Regrid:
             "frac_a": (by_source / self.source_area, "n_a", "1", "share that the target covers"),
             "frac_b": (self.covered, "n_b", "1", "share that the source covers"),
         }
+        sizes = {"n_s": rows.size}
+        unit = "m" if self.surface == "plane" else "degrees"
+        for side, word, grid in (("a", "src", self.source), ("b", "dst", self.target)):
+            cells, corners, rank = f"n_{side}", f"nv_{side}", f"{word}_grid_rank"
+            sizes |= {cells: grid.size, corners: grid.corner_x.shape[1], rank: len(grid.shape)}
+            for axis, centre, corner in (
+                ("x", grid.x, grid.corner_x),
+                ("y", grid.y, grid.corner_y),
+            ):
+                fields[f"{axis}c_{side}"] = centre, cells, unit, f"{axis} of the centres"
+                fields[f"{axis}v_{side}"] = corner, f"{cells} {corners}", unit, f"{axis} of corners"
+            shape = np.array(grid.shape[::-1], np.int32)  # as Fortran has it: x first
+            fields[f"{word}_grid_dims"] = shape, rank, "1", "cells along each axis"
         path = Path(path)
         check_target(path, overwrite=True)
         with in_one_go(path) as part, new_file(part) as file:
+            file.title = "weights of conservative regridding, laid out as those of ESMF"
             file.format = FORMAT
             file.map_method = "first-order conservative"
             file.normalization = "destarea"
             file.surface = self.surface
             file.source_checksum = checksum(self.source)
             file.target_checksum = checksum(self.target)
-            sizes = {"n_a": self.source.size, "n_b": self.target.size, "n_s": rows.size}
             for name, size in sizes.items():
                 file.createDimension(name, size)
-            for name, (values, dimension, units, text) in fields.items():
-                variable = file.createVariable(name, values.dtype, (dimension,))
+            for name, (values, dimensions, units, text) in fields.items():
+                variable = file.createVariable(name, values.dtype, dimensions.split())
                 variable.units, variable.long_name = units, text
                 variable[:] = values
 

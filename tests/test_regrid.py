@@ -436,6 +436,14 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
         np.testing.assert_array_equal(file["mask_a"][:], source.wet)
         np.testing.assert_array_equal(file["mask_b"][:], target.wet)
         assert file.normalization == "destarea"
+        for side, word, grid in (("a", "src", source), ("b", "dst", target)):
+            assert tuple(file[f"{word}_grid_dims"][::-1]) == grid.shape
+            x, y = file[f"xv_{side}"][:], file[f"yv_{side}"][:]
+            area = 0.5 * np.sum(x * np.roll(y, -1, 1) - y * np.roll(x, -1, 1), axis=1)
+            np.testing.assert_allclose(area, grid.area, rtol=1e-9)
+            np.testing.assert_array_equal(file[f"xc_{side}"][:], grid.x)
+            np.testing.assert_array_equal(file[f"yc_{side}"][:], grid.y)
+            assert file[f"yv_{side}"].units == "m"
     with netCDF4.Dataset(tmp_path / "other.nc", "w") as file:
         file.title = "something else"
     with pytest.raises(InputError, match="not a file of overlap weights"):
