@@ -230,8 +230,10 @@ def gather(
 
 def save(data: "xr.Dataset", path: str | Path) -> None:
     """Write a data set as NetCDF, whole or not at all."""
+    # CF has no missing values in coordinates; xarray would declare one for each of floats
+    encoding = {name: {"_FillValue": None} for name in data.coords}
     with in_one_go(Path(path)) as part:
-        data.to_netcdf(part, engine="netcdf4")
+        data.to_netcdf(part, engine="netcdf4", encoding=encoding)
 
 
 def _described(unit: str, meaning: str) -> dict[str, str]:

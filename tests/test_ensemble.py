@@ -9,8 +9,10 @@ import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
+import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
 
 from floebmi import __version__, ensemble
 from floebmi.ensemble import Output
@@ -100,6 +102,16 @@ def test_members_become_one_data_set_with_a_dimension_for_each_parameter_and_the
     assert data["row"].sel(a=1.0, b=10.0, seed=3).values.tolist() == [0.0, 14.0, 28.0]
     assert data["row"].attrs == {"units": "s", "long_name": "a row"}
     assert data["a"].attrs["units"] == "m"
+
+
+def test_coordinates_of_a_saved_data_set_have_no_missing_value_as_cf_has_it(tmp_path):
+    done = ensemble.run(member, {}, SWEEP, (5,), tmp_path / "m", jobs=1)
+    data = ensemble.gather(done, OUTPUTS, COORDINATES).assign_coords(word=("b", ["x", "y", "z"]))
+    ensemble.save(data, tmp_path / "a.nc")
+    with netCDF4.Dataset(tmp_path / "a.nc") as file:
+        declared = {name for name, one in file.variables.items() if "_FillValue" in one.ncattrs()}
+    assert declared == {"sum", "row"}
+    xr.testing.assert_identical(xr.load_dataset(tmp_path / "a.nc"), data)
 
 
 def test_processes_give_the_same_as_this_one_with_one_thread_each(tmp_path):
