@@ -136,7 +136,7 @@ def geographic(projection: str, x: np.ndarray, y: np.ndarray) -> dict[str, np.nd
     return {"latitude": latitude, "longitude": longitude}
 
 
-def define_land(data: "Dataset", land: "shapely.Geometry") -> None:
+def define_land(data: "Dataset", land: "shapely.Geometry", projection: str | None) -> None:
     """Land as CF polygons (CF 7.5): shores counter-clockwise, lakes clockwise."""
     import shapely
 
@@ -157,6 +157,7 @@ def define_land(data: "Dataset", land: "shapely.Geometry") -> None:
             "node_count": "land_node_count",
             "part_node_count": "land_ring_node_count",
             "interior_ring": "land_interior_ring",
+            **({} if projection is None else {"grid_mapping": "crs"}),
         },
     )
     for name, dimension, text, values in (
@@ -203,7 +204,8 @@ def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | No
         known = attributes.get("coordinates", "")
         attributes["coordinates"] = f"{known} latitude{suffix} longitude{suffix}".strip()
     area = data.createVariable(f"cell_area{suffix}", "f8", dimensions)
-    area.setncatts({"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"})
+    area.setncatts({"standard_name": "cell_area", "units": "m2"})
+    area.long_name = "area of the cell in the plane of x and y"
     area.setncatts(attributes)
     area[:] = grid.area.reshape(grid.shape)
     if not grid.wet.all():

@@ -197,7 +197,7 @@ class GriddedWriter(_GrowingFile):
         data.createVariable("time_bnds", "f8", ("time", "bnds"), chunksizes=(512, 2))
         define_ledger(data)
         define_projection(data, self._projection)
-        define_land(data, self._land)
+        define_land(data, self._land, self._projection)
         places: dict[int, Place] = {}
         for row in self._rows:
             grid = _grid_of(model, row)
@@ -319,7 +319,7 @@ class TrajectoryWriter(_GrowingFile):
         define_time(data, self._clock)
         define_ledger(data)
         define_projection(data, self._projection)
-        define_land(data, self._land)
+        define_land(data, self._land, self._projection)
         width = min(max(n, 64), 65536)
         number = data.createVariable("trajectory", "i4", ("trajectory",), chunksizes=(width,))
         number.setncatts({"cf_role": "trajectory_id", "long_name": "number of the floe"})

@@ -159,6 +159,9 @@ def test_latitude_and_longitude_are_those_of_the_projection(run, gridded, floes)
             assert (attributes["units"], attributes["standard_name"]) == (units, name)
     assert pyproj.CRS.from_cf(gridded.crs.attrs) == pyproj.CRS(POLAR)
     assert gridded.sea_ice_thickness.attrs["grid_mapping"] == "crs"
+    for data in (gridded, floes):
+        land = data.land_polygons
+        assert (land.attrs | land.encoding)["grid_mapping"] == "crs"
     assert gridded.crs.attrs["latitude_of_projection_origin"] == 90.0
 
 
