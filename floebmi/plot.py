@@ -471,6 +471,10 @@ def _scale_of(
     import matplotlib
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
 
+    if limits is not None and not (
+        len(limits) == 2 and np.isfinite(limits).all() and limits[0] < limits[1]
+    ):
+        raise InputError(f"limits = {limits}: must be two finite numbers, the smaller one first")
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     if name == "area_fraction":
@@ -532,7 +536,8 @@ def _canvas(
     time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.clock.text, (0, -1)))))
     lines = _lines(title, max(20, int((across + 2 * beside - time) * LETTERS_PER_INCH)))
     top = 0.3 + 0.17 * len(lines)
-    label, power = _label_of(bar) if bar else ("", 0)
+    label, power, letters = _written(bar) if bar else ("", 0, 0)
+    right += 0.075 * max(letters - 7, 0)
     width = across + 2 * beside + left + right
     height = max(up, 1.2, _height_of(label)) + bottom + top
     width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))
@@ -595,11 +600,23 @@ def _number_axes(axes: "Axes", unit: str) -> int:
     return longest
 
 
-def _label_of(bar: _Bar) -> tuple[str, int]:
-    """Label of a colour bar, and the power of ten in it: at the end of the bar it would run into the time."""
-    power = _power(*bar.scale.norm.inverse([0.0, 1.0])) if bar.scale.ticks is None else 0
-    raised = f"[10{str(power).translate(RAISED)} " if power else "["
-    return bar.label.replace("[", raised, 1), power
+def _written(bar: _Bar) -> tuple[str, int, int]:
+    """Label of a colour bar, the power of ten in it, and the letters of its longest number.
+
+    At the end of the bar the power would run into the time.
+    """
+    from matplotlib.ticker import AutoLocator, ScalarFormatter
+
+    if bar.scale.ticks is not None:
+        return bar.label, 0, 1
+    low, high = bar.scale.norm.inverse([0.0, 1.0])
+    if power := _power(low, high):
+        return bar.label.replace("[", f"[10{str(power).translate(RAISED)} ", 1), power, 1
+    numbers = ScalarFormatter(useOffset=False)
+    numbers.create_dummy_axis()
+    numbers.axis.set_view_interval(low, high)
+    told = numbers.format_ticks(AutoLocator().tick_values(low, high))
+    return bar.label, 0, max(map(len, told))
 
 
 def _height_of(label: str) -> float:

@@ -358,6 +358,14 @@ def test_places_far_from_the_origin_are_written_in_full(tmp_path):
         assert not any("e" in text for text in texts if text[-1].isdigit())
 
 
+def test_long_numbers_at_a_colour_bar_leave_room_for_its_label(tmp_path):
+    for thickness in ([2.0, 2.00001], [2.0, 2.5], [-0.2, 0.1]):
+        floes = Floes([5e3, 9e3], 5e3, 500.0, np.abs(thickness), u=thickness)
+        path = written(tmp_path, DOMAIN, floes)
+        for color in ("thickness", "u"):
+            assert not faults(draw.frame(path, color=color))
+
+
 def test_no_numbers_of_a_graticule_lie_on_each_other_and_it_goes_over_the_date_line(tmp_path):
     domain = Domain((-6e5, 6e5), (-5e5, 5e5))
     grid = Grid.uniform(domain.x, domain.y, spacing=50e3)
@@ -625,6 +633,9 @@ def test_the_users_settings_are_left_alone(run, tmp_path):
         (lambda f, g: draw.frame(f, to="a.xyz"), "a.xyz: allowed:.*.png"),
         (lambda f, g: draw.frame(f, to="no/a.png"), "there is no folder no"),
         (lambda f, g: draw.frame(f, size=10), "size = 10"),
+        (lambda f, g: draw.frame(f, limits=(1.0, 1.0)), "limits = .*the smaller one first"),
+        (lambda f, g: draw.field(g, limits=(1.0, 0.0)), "limits = .*the smaller one first"),
+        (lambda f, g: draw.page(f, limits=(np.nan, 1.0)), "limits = .*two finite numbers"),
         (lambda f, g: draw.field(g, "thicknes"), "'thicknes'.*did you mean 'thickness'"),
         (lambda f, g: draw.field(g, "sea_surface_tilt_x"), "has no sea_surface_tilt_x"),
         (lambda f, g: draw.animate(f, to="a.avi"), "a.avi: allowed: .gif, .mp4"),
