@@ -566,7 +566,7 @@ def _canvas(
             ticks=bar.scale.ticks,
         )
         if power:
-            shades.formatter = lambda value, _: f"{value / 10.0**power:g}"
+            shades.formatter = _in_powers_of(power)
         letters = int((height - bottom - top) * LETTERS_PER_INCH)
         shades.set_label("\n".join(_lines(label, letters)))
         shades.outline.set_linewidth(0.6)
@@ -611,7 +611,7 @@ def _written(bar: _Bar) -> tuple[str, int, int]:
         return bar.label, 0, 1
     low, high = bar.scale.norm.inverse([0.0, 1.0])
     if power := _power(low, high):
-        return bar.label.replace("[", f"[10{str(power).translate(RAISED)} ", 1), power, 1
+        return _with_power(bar.label, power), power, 1
     numbers = ScalarFormatter(useOffset=False)
     numbers.create_dummy_axis()
     numbers.axis.set_view_interval(low, high)
@@ -633,6 +633,15 @@ def _power(low: float, high: float) -> int:
     if largest == 0.0 or 1e-3 <= largest < 1e5:
         return 0
     return 3 * int(np.floor(np.log10(largest) / 3))
+
+
+def _in_powers_of(power: int) -> Callable[[float, int], str]:
+    return lambda value, _: f"{value / 10.0**power:.10g}".replace("-", "−")
+
+
+def _with_power(label: str, power: int) -> str:
+    """A label whose unit has a power of ten."""
+    return label.replace("[", f"[10{str(power).translate(RAISED)} ", 1) if power else label
 
 
 def _lines(text: str, letters: int) -> list[str]:
@@ -779,6 +788,8 @@ def _draw_graticule(axes: "Axes", view: _View) -> list[Any]:
             continue  # the pole inside
         levels = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(values.min(), values.max())
         lines = draw(x, y, values, levels, colors=INK, linewidths=0.4, alpha=0.45, zorder=2.5)
+        # seen on dark fields, too
+        lines.set_path_effects([withStroke(linewidth=1.0, foreground="white", alpha=0.25)])
 
         def text(value: float, signs: str = signs) -> str:
             value = value - 360.0 if value > 180.0 else value
@@ -1197,7 +1208,10 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
             axes.set(ylim=(-1.0, 1.0), yticks=[0.0])
             told = f"no change from {stock[0, q]:.6g} {unit}"
             axes.text(0.5, 0.58, told, ha="center", fontsize=8, transform=axes.transAxes)
-        axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
+        power = _power(*axes.get_ylim())
+        if power:
+            axes.yaxis.set_major_formatter(_in_powers_of(power))
+        axes.set_ylabel(_with_power(f"{name.replace('_', ' along ')} [{unit}]", power))
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[1]:
         axes.set_xlabel(f"time [{clock.name}]")

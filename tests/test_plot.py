@@ -10,7 +10,9 @@ import subprocess
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb, to_rgba
+from matplotlib.contour import ContourSet
 from matplotlib.quiver import Quiver
 from matplotlib.text import Annotation, Text
 from netCDF4 import Dataset
@@ -379,6 +381,8 @@ def test_no_numbers_of_a_graticule_lie_on_each_other_and_it_goes_over_the_date_l
         assert not faults(figure)
         numbers = [text for text, _ in shown(figure) if "°" in text]
         assert {west, east, "66°N"} <= set(numbers)
+        lines = [one for one in figure.axes[0].collections if isinstance(one, ContourSet)]
+        assert len(lines) == 2 and all(one.get_path_effects() for one in lines)  # on dark water
         x = {text.get_text(): text.get_position()[0] for text in figure.axes[0].texts}
         assert x[west] < 0.0 < x[east]
 
@@ -478,6 +482,24 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
     assert mass.get_ylabel() == "mass [kg]"
     assert along_x.get_ylabel() == "momentum along x [N s]"
+
+
+def test_the_powers_of_ten_of_a_ledger_stand_with_its_units(tmp_path):
+    model, path = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0)), tmp_path / "floes.nc"
+    with TrajectoryWriter(path, model) as writer:
+        writer.write(model)
+        model.floes.add([9e3], 9e3, 500.0, 1.0, u=0.01)
+        model.advance(60.0)
+        writer.write(model)
+    figure = draw.ledger(path)
+    FigureCanvasAgg(figure)
+    assert not any("e" in text for text, _ in shown(figure) if text[-1].isdigit())
+    with Dataset(path) as data:
+        gain = float(np.diff(data["ledger_stock"][:, 0])[0])
+    (mass,) = (one for one in figure.axes if one.get_ylabel().startswith("mass"))
+    assert mass.get_ylabel() == "mass [10⁶ kg]"
+    end, top = mass.lines[0].get_ydata()[-1], mass.yaxis.get_major_formatter()(gain, 0)
+    assert end == pytest.approx(gain) and float(top) == pytest.approx(gain / 1e6)
 
 
 def test_the_ledger_of_a_run_that_goes_on_begins_with_its_first_frame(tmp_path):
