@@ -524,20 +524,23 @@ def _canvas(
     aspect = (north - south) / (east - west)
     left, right, bottom = 0.75, 1.15 if bar else 0.25, 0.85 if key else 0.65
     width, dpi = _inches(size)
-    across = width - left - right
-    up = min(across * aspect, 1.25 * width)  # a tall domain makes a narrower picture
-    across = up / aspect
-    figure = Figure(figsize=(across, up), dpi=dpi)
+    label, power, letters = _written(bar) if bar else ("", 0, 0)
+    right += 0.075 * max(letters - 7, 0)
+
+    def drawn() -> tuple[float, float]:  # a tall domain makes a narrower picture
+        up = min((width - left - right) * aspect, 1.25 * width)
+        return up / aspect, up
+
+    figure = Figure(figsize=drawn(), dpi=dpi)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(west, east), ylim=(south, north))
     left += 0.075 * max(_number_axes(axes, view.length[1]) - 5, 0)
+    across, up = drawn()
     # a tall domain sits in the middle of its room, and so does a flat one
     beside = _beside(across)
     time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.clock.text, (0, -1)))))
     lines = _lines(title, max(20, int((across + 2 * beside - time) * LETTERS_PER_INCH)))
     top = 0.3 + 0.17 * len(lines)
-    label, power, letters = _written(bar) if bar else ("", 0, 0)
-    right += 0.075 * max(letters - 7, 0)
     width = across + 2 * beside + left + right
     height = max(up, 1.2, _height_of(label)) + bottom + top
     width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))

@@ -357,6 +357,7 @@ def test_places_far_from_the_origin_are_written_in_full(tmp_path):
         assert not faults(figure)
         texts = [text for text, _ in shown(figure)]
         assert set(told) <= set(texts)
+        assert pixels(figure).shape[1] == 1200
         assert not any("e" in text for text in texts if text[-1].isdigit())
 
 
@@ -480,8 +481,8 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     accounts = [y for label, y in lines.items() if label not in ("gain of the ice", "residual")]
     np.testing.assert_allclose(sum(accounts), lines["gain of the ice"], rtol=1e-9)
     assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
-    assert mass.get_ylabel() == "mass [kg]"
-    assert along_x.get_ylabel() == "momentum along x [N s]"
+    assert mass.get_ylabel() == "mass [10⁹ kg]"
+    assert along_x.get_ylabel() == "momentum along x [10⁶ N s]"
 
 
 def test_the_powers_of_ten_of_a_ledger_stand_with_its_units(tmp_path):
