@@ -41,7 +41,7 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LETTERS_PER_INCH = 13.0  # about, in labels and titles
 TIME_WIDTH = 1.3  # inches for the time, at least, to the right of the title
 ROOM = 3.6  # inches, at least, for what stands over and under the domain, which may be narrower
-SHORT = 0.3  # inches: an axis that has no room for two numbers
+SHORT = 0.3  # inches: such an axis has no room for two numbers
 LAND = "#b9ab8e"
 COAST = "#7d7159"
 INK = "#1d2b36"
@@ -584,23 +584,23 @@ def _beside(across: float) -> float:
 def _number_axes(axes: "Axes", unit: str) -> int:
     """Numbers along both axes, in full; returns how many letters the longest at the side has."""
     axes.ticklabel_format(style="plain", useOffset=False)
-    inches = axes.figure.get_size_inches()
-    longest = 0
-    for name, axis, length in (("x", axes.xaxis, inches[0]), ("y", axes.yaxis, inches[1])):
+    letters = []
+    for name, axis, length in zip(
+        "xy", (axes.xaxis, axes.yaxis), axes.figure.get_size_inches(), strict=True
+    ):
+        numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
+        letters.append(max(map(len, numbers)))
+        room = 0.12 + 0.075 * letters[0]  # of a number along x
         axis.set_label_text(f"{name} [{unit}]")
-        if length < SHORT:
+        if length < max(SHORT, 1.5 * room if name == "x" else 0.0):
             low, high = (f"{end:.9g}".replace("-", "−") for end in axis.get_view_interval())
             axis.set_label_text(f"{name} [{unit}]: {low} to {high}")
             axis.labelpad = 15.0
             axis.set_ticks([])
-            continue
-        numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
-        longest = max(map(len, numbers))
-        if name == "x":
-            room = 0.12 + 0.075 * longest
+            letters[-1] = 0
+        elif name == "x":
             axis.get_major_locator().set_params(nbins=int(np.clip(length / room, 1, 9)))
-            longest = 0
-    return longest
+    return letters[1]
 
 
 def _written(bar: _Bar) -> tuple[str, int, int]:

@@ -359,6 +359,10 @@ def test_places_far_from_the_origin_are_written_in_full(tmp_path):
         assert set(told) <= set(texts)
         assert pixels(figure).shape[1] == 1200
         assert not any("e" in text for text in texts if text[-1].isdigit())
+    domain = Domain((5.123e6, 5.125e6), (-7.2e6, -7.16e6))  # no room for three numbers along x
+    figure = draw.frame(written(tmp_path, domain, Floes(5.124e6, -7.18e6, 400.0, 1.0)))
+    assert not faults(figure)
+    assert figure.axes[0].get_xlabel() == "x [km]: 5123 to 5125"
 
 
 def test_long_numbers_at_a_colour_bar_leave_room_for_its_label(tmp_path):
