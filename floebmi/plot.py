@@ -39,7 +39,9 @@ WATER = "#d3e4ee"
 NOWHERE = "#eeeeee"  # outside the grid
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LETTERS_PER_INCH = 13.0  # about, in labels and titles
-TIME_WIDTH = 1.3  # inches for the time, to the right of the title
+TIME_WIDTH = 1.3  # inches for the time, at least, to the right of the title
+ROOM = 3.6  # inches, at least, for what stands over and under the domain, which may be narrower
+SHORT = 0.3  # inches: such an axis has no room for two numbers
 LAND = "#b9ab8e"
 COAST = "#7d7159"
 INK = "#1d2b36"
@@ -372,15 +374,19 @@ class _Clock:
         self._dates = None
         if getattr(data["time"], "epoch", "") != "arbitrary":
             self._dates = cftime.num2date(self.seconds, data["time"].units, data["time"].calendar)
-        span = self.seconds[-1] if len(self.seconds) else 0.0
+        span = np.abs(self.seconds).max(initial=0.0)
+        # frames of one minute would have one date
+        close = np.diff(self.seconds).min(initial=np.inf) < 60.0
+        self._form = "%Y-%m-%d %H:%M:%S" if close else "%Y-%m-%d %H:%M"
         units = ((1.0, "s", 300), (60.0, "min", 180), (3600.0, "h", 96), (86400.0, "d", np.inf))
         self.unit, self.name = next((u, name) for u, name, most in units if span <= most * u)
 
     def text(self, k: int) -> str:
         if self._dates is not None:
-            return self._dates[k].strftime("%Y-%m-%d %H:%M")
+            return self._dates[k].strftime(self._form)
         value = self.seconds[k] / self.unit
-        return f"t = {value:.4g} {self.name}"
+        number = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+        return f"t = {number.replace('-', '−')} {self.name}"
 
 
 class _View(NamedTuple):
@@ -465,6 +471,10 @@ def _scale_of(
     import matplotlib
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
 
+    if limits is not None and not (
+        len(limits) == 2 and np.isfinite(limits).all() and limits[0] < limits[1]
+    ):
+        raise InputError(f"limits = {limits}: must be two finite numbers, the smaller one first")
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     if name == "area_fraction":
@@ -486,8 +496,10 @@ def _scale_of(
             largest = most or 1.0
         if signed:
             limits = -largest, largest
-        elif place or (low > 0.5 * high and name != "speed"):  # far from zero: show the differences
-            most = max(abs(low), abs(high)) or 1.0
+        elif place or (  # far from zero: show the differences
+            min(abs(low), abs(high)) > 0.5 * most and name != "speed"
+        ):
+            most = most or 1.0
             spread = 0.02 * most if high - low < 1e-6 * most else 0.0
             limits = low - spread, high + spread
         else:
@@ -512,26 +524,34 @@ def _canvas(
     aspect = (north - south) / (east - west)
     left, right, bottom = 0.75, 1.15 if bar else 0.25, 0.85 if key else 0.65
     width, dpi = _inches(size)
-    across = width - left - right
-    up = min(across * aspect, 1.25 * width)  # a tall domain makes a narrower picture
-    across = up / aspect
-    width = across + left + right
-    lines = _lines(title, max(20, int((across - TIME_WIDTH) * LETTERS_PER_INCH)))
-    top = 0.3 + 0.17 * len(lines)
-    height = max(up, 1.2) + bottom + top
-    width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))
-    figure = Figure(figsize=(width, height), dpi=dpi)
+    label, power, letters = _written(bar) if bar else ("", 0, 0)
+    right += 0.075 * max(letters - 7, 0)
+
+    def drawn() -> tuple[float, float]:  # a tall domain makes a narrower picture
+        up = min((width - left - right) * aspect, 1.25 * width)
+        return up / aspect, up
+
+    figure = Figure(figsize=drawn(), dpi=dpi)
     FigureCanvasAgg(figure)
-    rise = bottom + 0.5 * (height - bottom - top - up)  # a flat domain sits in the middle
-    axes = figure.add_axes(
-        (left / width, rise / height, across / width, up / height),
-        xlim=(west, east),
-        ylim=(south, north),
-    )
-    axes.set_xlabel(f"x [{view.length[1]}]")
-    axes.set_ylabel(f"y [{view.length[1]}]")
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(west, east), ylim=(south, north))
+    left += 0.075 * max(_number_axes(axes, view.length[1]) - 5, 0)
+    across, up = drawn()
+    # a tall domain sits in the middle of its room, and so does a flat one
+    beside = _beside(across)
+    time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.clock.text, (0, -1)))))
+    lines = _lines(title, max(20, int((across + 2 * beside - time) * LETTERS_PER_INCH)))
+    top = 0.3 + 0.17 * len(lines)
+    width = across + 2 * beside + left + right
+    height = max(up, 1.2, _height_of(label)) + bottom + top
+    width, height = (2 * round(length * dpi / 2) / dpi for length in (width, height))
+    left += beside
+    rise = bottom + 0.5 * (height - bottom - top - up)
+    figure.set_size_inches(width, height)
+    axes.set_position((left / width, rise / height, across / width, up / height))
     axes.set_aspect("equal")
-    axes.set_title("\n".join(lines), loc="left", pad=7, parse_math=False)  # "$" is a dollar
+    # "$" is a dollar
+    axes.set_title("\n".join(lines), loc="left", x=-beside / across, pad=7, parse_math=False)
+    axes.set_title("", loc="right", x=1.0 + beside / across, pad=7)
     axes.set_axisbelow(False)
     if bar is not None:
         from matplotlib.cm import ScalarMappable
@@ -548,15 +568,66 @@ def _canvas(
             extend=bar.scale.extend,
             ticks=bar.scale.ticks,
         )
+        if power:
+            shades.formatter = _in_powers_of(power)
         letters = int((height - bottom - top) * LETTERS_PER_INCH)
-        label = bar.label
-        # a power of ten belongs to the unit: at the end of the bar it would run into the time
-        if bar.scale.ticks is None and (power := _power(*bar.scale.norm.inverse([0.0, 1.0]))):
-            shades.formatter = lambda value, _: f"{value / 10.0**power:g}"
-            label = label.replace("[", f"[10{str(power).translate(RAISED)} ", 1)
         shades.set_label("\n".join(_lines(label, letters)))
         shades.outline.set_linewidth(0.6)
     return figure, axes
+
+
+def _beside(across: float) -> float:
+    """Inches on either side of a domain that is drawn so many inches wide, which its title and its scale need."""
+    return 0.5 * max(ROOM - across, 0.0)
+
+
+def _number_axes(axes: "Axes", unit: str) -> int:
+    """Numbers along both axes, in full; returns how many letters the longest at the side has."""
+    axes.ticklabel_format(style="plain", useOffset=False)
+    letters = []
+    for name, axis, length in zip(
+        "xy", (axes.xaxis, axes.yaxis), axes.figure.get_size_inches(), strict=True
+    ):
+        numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
+        letters.append(max(map(len, numbers)))
+        room = 0.12 + 0.075 * letters[0]  # of a number along x
+        axis.set_label_text(f"{name} [{unit}]")
+        if length < max(SHORT, 1.5 * room if name == "x" else 0.0):
+            low, high = (f"{end:.9g}".replace("-", "−") for end in axis.get_view_interval())
+            axis.set_label_text(f"{name} [{unit}]: {low} to {high}")
+            axis.labelpad = 15.0
+            axis.set_ticks([])
+            letters[-1] = 0
+        elif name == "x":
+            axis.get_major_locator().set_params(nbins=int(np.clip(length / room, 1, 9)))
+    return letters[1]
+
+
+def _written(bar: _Bar) -> tuple[str, int, int]:
+    """Label of a colour bar, the power of ten in it, and the letters of its longest number.
+
+    At the end of the bar the power would run into the time.
+    """
+    from matplotlib.ticker import AutoLocator, ScalarFormatter
+
+    if bar.scale.ticks is not None:
+        return bar.label, 0, 1
+    low, high = bar.scale.norm.inverse([0.0, 1.0])
+    if power := _power(low, high):
+        return _with_power(bar.label, power), power, 1
+    numbers = ScalarFormatter(useOffset=False)
+    numbers.create_dummy_axis()
+    numbers.axis.set_view_interval(low, high)
+    told = numbers.format_ticks(AutoLocator().tick_values(low, high))
+    return bar.label, 0, max(map(len, told))
+
+
+def _height_of(label: str) -> float:
+    """Inches in which the label of a colour bar has room in two lines."""
+    letters = range(1 + len(label) // 2, len(label) + 1)
+    return (
+        1 + next((n for n in letters if len(textwrap.wrap(label, n)) <= 2), 0)
+    ) / LETTERS_PER_INCH
 
 
 def _power(low: float, high: float) -> int:
@@ -565,6 +636,15 @@ def _power(low: float, high: float) -> int:
     if largest == 0.0 or 1e-3 <= largest < 1e5:
         return 0
     return 3 * int(np.floor(np.log10(largest) / 3))
+
+
+def _in_powers_of(power: int) -> Callable[[float, int], str]:
+    return lambda value, _: f"{value / 10.0**power:.10g}".replace("-", "−")
+
+
+def _with_power(label: str, power: int) -> str:
+    """A label whose unit has a power of ten."""
+    return label.replace("[", f"[10{str(power).translate(RAISED)} ", 1) if power else label
 
 
 def _lines(text: str, letters: int) -> list[str]:
@@ -704,15 +784,27 @@ def _draw_graticule(axes: "Axes", view: _View) -> list[Any]:
     for name, signs in (("latitude", "NS"), ("longitude", "EW")):
         values = _filled(data[name][:])
         span = np.ptp(values)
+        if name == "longitude" and span > 180:  # the date line inside: count on beyond 180°
+            values = values % 360.0
+            span = np.ptp(values)
         if name == "longitude" and (span > 180 or np.abs(data["latitude"][:]).max() > 89):
-            continue  # a seam or the pole inside
+            continue  # the pole inside
         levels = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(values.min(), values.max())
         lines = draw(x, y, values, levels, colors=INK, linewidths=0.4, alpha=0.45, zorder=2.5)
+        # seen on dark fields, too
+        lines.set_path_effects([withStroke(linewidth=1.0, foreground="white", alpha=0.25)])
 
         def text(value: float, signs: str = signs) -> str:
-            return f"{abs(value):.4g}°{signs[int(value < 0)] if value else ''}"
+            value = value - 360.0 if value > 180.0 else value
+            side = signs[int(value < 0)] if value and abs(value) != 180.0 else ""
+            return f"{abs(value):.4g}°{side}"
 
-        numbers += axes.clabel(lines, fmt=text, fontsize=6.5, colors=INK, zorder=4)
+        for number in axes.clabel(lines, fmt=text, fontsize=6.5, colors=INK, zorder=4):
+            box = number.get_window_extent()
+            if any(box.overlaps(other.get_window_extent()) for other in numbers):
+                number.remove()  # neither could be read
+            else:
+                numbers.append(number)
     for number in numbers:
         number.set(alpha=1.0, path_effects=[withStroke(linewidth=2.0, foreground="white")])
     return numbers
@@ -764,16 +856,18 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
     usual = float(np.percentile(speed[speed > 0.0], 95))
     there = speed > 0.02 * usual  # the rest would be dots
     key = _round_down(usual)
-    width = view.box[1] - view.box[0]
+    west, east, south, north = view.box
+    width = max(east - west, 0.5 * (north - south))  # those of a tall domain would be dots, too
     drawn = axes.quiver(
         *(values[there] for values in (x, y, u, v)),
-        color=INK, edgecolor="white", linewidth=0.3, width=0.0025, headwidth=4, zorder=5,
+        color=INK, edgecolor="white", linewidth=0.3, units="inches", width=0.015, headwidth=4, zorder=5,
         angles="xy", scale_units="xy", scale=usual / (0.045 * width),
     )  # fmt: skip
     corner = axes.get_position()
     inches = axes.figure.get_size_inches()
+    right = corner.x1 * inches[0] + _beside(corner.width * inches[0])
     axes.quiverkey(
-        drawn, corner.x1 * inches[0] - 0.2, corner.y0 * inches[1] - 0.66, key,
+        drawn, right - 0.2, corner.y0 * inches[1] - 0.66, key,
         f"{word} {key:g} {units}", labelpos="W", labelsep=0.12, coordinates="inches",
         fontproperties={"size": 8},
     )  # fmt: skip
@@ -781,17 +875,21 @@ def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
 
 
 def _below(axes: "Axes", side: Literal["left", "right"]) -> Any:
-    """Coordinates in inches from a lower corner of the axes, for what stands under the picture."""
+    """Coordinates in inches from a lower corner of the domain's room, for what stands under the picture."""
     from matplotlib.transforms import ScaledTranslation
 
-    corner = ScaledTranslation(float(side == "right"), 0.0, axes.transAxes)
+    across = axes.get_position().width * axes.figure.get_figwidth()
+    beside = _beside(across) / across
+    corner = ScaledTranslation(1.0 + beside if side == "right" else -beside, 0.0, axes.transAxes)
     return axes.figure.dpi_scale_trans + corner
 
 
 def _draw_scale_bar(axes: "Axes", view: _View) -> None:
     west, east, _, _ = view.box
-    length = _round_down(0.2 * (east - west))
-    inches = axes.get_position().width * axes.figure.get_figwidth() * length / (east - west)
+    across = axes.get_position().width * axes.figure.get_figwidth()
+    per_inch = (east - west) / across
+    length = _round_down(0.2 * (across + 2 * _beside(across)) * per_inch)
+    inches = length / per_inch
     under = {"transform": _below(axes, "left"), "clip_on": False}
     axes.plot(
         [0.0, inches], [-0.43, -0.43], color=INK, lw=2.5, solid_capstyle="butt",
@@ -878,7 +976,7 @@ class _FloePicture:
         _draw_land(self.axes, view)
         self._numbers = _draw_graticule(self.axes, view)
         _draw_scale_bar(self.axes, view)
-        self._time = self.axes.set_title("", loc="right", pad=7)
+        self._time = self.axes.set_title("", loc="right", pad=7)  # where `_canvas` has put it
         self._moving: list[Any] = []
         self._background: Any = None
 
@@ -1018,27 +1116,39 @@ class _FloePicture:
 
 
 def _page_of(picture: _FloePicture, view: _View, every: int) -> dict[str, Any]:
-    """What `view.html` shows; lengths in m, arrays (frame, floe) in base 64: float32, and RGB as bytes."""
+    """What `view.html` shows; lengths in m, arrays (frame, floe) in base 64: float32, and RGB as bytes.
+
+    Places are those from the south-western corner, since float32 has seven digits.
+    """
     from matplotlib.colors import to_hex, to_rgb
 
     data, bar = view.data, picture.bar
     frames = range(0, len(view.time), every)
-    x, y = (np.array([picture.read(name, k) for k in frames], "<f4") for name in "xy")
+    (west, east), (south, north) = data.domain_x, data.domain_y
+    x, y = (
+        np.array([picture.read(name, k) - corner for k in frames], "<f4")
+        for name, corner in (("x", west), ("y", south))
+    )
     rgb = np.array([bar.scale.cmap(bar.scale.norm(picture.values(k)), bytes=True) for k in frames])
     rgb[:, picture.still, :3] = np.round(255 * np.array(to_rgb(LAND)))
-    (west, east), (south, north) = data.domain_x, data.domain_y
     walls = []
     if "wall_position" in data.variables:
-        positions = data["wall_position"][::every].T.tolist()
+        positions = data["wall_position"][::every].T
         walls = [
-            {"edge": str(edge), "position": position}
+            {
+                "edge": str(edge),
+                "position": (position - (west if edge in ("west", "east") else south)).tolist(),
+            }
             for edge, position in zip(data["wall"][:], positions, strict=True)
         ]
     low, high = bar.scale.norm.vmin, bar.scale.norm.vmax
+    # three digits of the difference
+    apart = max(abs(low), abs(high)) / (high - low)
+    digits = 3 + int(np.log10(apart)) if apart > 1.0 else 3
     length, unit = view.length
     return {
         "title": picture.title,
-        "box": [float(west), float(east), float(south), float(north)],
+        "box": [0.0, float(east - west), 0.0, float(north - south)],
         "width": f"{(east - west) / length:g} {unit}",
         "period": [
             float(high - low) if edge == "periodic" else 0.0
@@ -1050,10 +1160,10 @@ def _page_of(picture: _FloePicture, view: _View, every: int) -> dict[str, Any]:
         "radius": np.nan_to_num(picture.read("radius", len(view.time) - 1)).tolist(),
         "still": picture.still.tolist(),
         "x": _base64(x), "y": _base64(y), "rgb": _base64(rgb[:, :, :3]),
-        "shores": [ring.tolist() for ring in _shores(data)],
+        "shores": [(ring - (west, south)).tolist() for ring in _shores(data)],
         "walls": walls,
         "bar": {
-            "low": f"{low:.3g}", "high": f"{high:.3g}", "label": bar.label,
+            "low": f"{low:.{digits}g}", "high": f"{high:.{digits}g}", "label": bar.label,
             "colours": [to_hex(bar.scale.cmap(share)) for share in np.linspace(0, 1, 9)],
         },
         "water": WATER, "land": LAND, "ink": INK,
@@ -1101,7 +1211,10 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
             axes.set(ylim=(-1.0, 1.0), yticks=[0.0])
             told = f"no change from {stock[0, q]:.6g} {unit}"
             axes.text(0.5, 0.58, told, ha="center", fontsize=8, transform=axes.transAxes)
-        axes.set_ylabel(f"{name.replace('_', ' along ')} [{unit}]")
+        power = _power(*axes.get_ylim())
+        if power:
+            axes.yaxis.set_major_formatter(_in_powers_of(power))
+        axes.set_ylabel(_with_power(f"{name.replace('_', ' along ')} [{unit}]", power))
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[1]:
         axes.set_xlabel(f"time [{clock.name}]")

@@ -36,6 +36,7 @@ from floebmi.vorticity import gradient_operators
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from floebmi.model import Model
@@ -68,6 +69,7 @@ OUTPUTS = {
 }
 SUFFIX = ".tradeoff.nc"
 FRONT, OTHERS = "#D55E00", "#0072B2"
+RING = 11.0  # points across, with the number of a setting in it
 GRAPH_WIDTH = 5.6  # of a figure, beside its list of settings [inches]
 LETTERS_PER_INCH = 17.0  # about, in that list
 
@@ -572,10 +574,7 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
             if noise > 0:
                 low = min(noise, 0.7 * place[1])
                 ax.errorbar(*place, [[low], [noise]], fmt="none", ecolor="#b0b0b0", elinewidth=0.8)
-            ax.plot(*place, "o", ms=11, mfc="white", mec=colour, zorder=2)
-            ax.annotate(
-                str(k + 1), place, ha="center", va="center", fontsize=6.5, color=colour, zorder=3
-            )
+            ax.plot(*place, "o", ms=3, color=colour, zorder=2)
             names.text(
                 0.0, 1.0 - (k + 0.5) / len(here.setting), f"{k + 1:>2}  {words[k]}", fontsize=7,
                 color=colour, va="center", transform=names.transAxes,
@@ -587,7 +586,42 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
         plot.plain_numbers(ax.xaxis)
         plot.plain_numbers(ax.yaxis)
         ax.legend(loc="best", fontsize=7)
+        _draw_marks(ax)
     return drawn
+
+
+def _draw_marks(ax: "Axes") -> None:
+    """A numbered ring for each dot: on it, or beside it where rings would lie over each other."""
+    from matplotlib.transforms import ScaledTranslation
+
+    figure = ax.figure
+    figure.draw_without_rendering()  # from here on it is known where the dots are
+    ax.autoscale(False)
+    dots = [line for line in ax.lines if line.get_marker() == "o"]
+    places = [ax.transData.transform(dot.get_xydata()[0]) * 72 / figure.dpi for dot in dots]
+    angles = np.radians([90, 270, 45, 225, 135, 315, 0, 180])
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    shifts = np.concatenate([np.zeros((1, 2)), *(r * around for r in (16.0, 28.0, 40.0))])
+    taken: list[np.ndarray] = []
+    for k, dot in enumerate(dots):
+        others = np.array([*places[:k], *places[k + 1 :], *taken]).reshape(-1, 2)
+        free = (
+            shift
+            for shift in shifts  # neither on another ring or dot, nor with a dot in between
+            if (np.hypot(*(places[k] + shift - others).T) > 0.85 * RING).all()
+            and (np.hypot(*(places[k] + 0.5 * shift - others).T) > 0.4 * RING).all()
+        )
+        shift = next(free, shifts[0])
+        taken.append(places[k] + shift)
+        colour = dot.get_color()
+        at = {"xy": dot.get_xydata()[0], "xytext": shift, "textcoords": "offset points"}
+        line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", **at, arrowprops=line, zorder=2)
+        beside = ax.transData + ScaledTranslation(*shift / 72, figure.dpi_scale_trans)
+        ax.plot(*at["xy"], "o", ms=RING, mfc="white", mec=colour, zorder=3, transform=beside)
+        ax.annotate(
+            str(k + 1), **at, ha="center", va="center", fontsize=6.5, color=colour, zorder=4
+        )
 
 
 # ---- using it ---------------------------------------------------------------------------------------

@@ -540,6 +540,16 @@ def test_a_figure_is_drawn_from_the_members_of_its_sweep(cli, monkeypatch):
         assert data.tensile_strength.values.tolist() == [0.0, 2e6]
 
 
+def test_a_figure_of_several_values_is_not_drawn_from_one(cli):
+    for words, name in (
+        ("strait --figure 7 --tensile-strength 1e5", "tensile_strength: figure 7"),
+        ("shear --figure 3 --normal-stress 2e4", "normal_stress: figure 3"),
+    ):
+        done = cli(f"{words} --seeds 1 --jobs 1")
+        assert done.exit_code == 2 and f"{name} is of several values" in done.stderr
+        assert not list(Path().glob("*.nc*"))
+
+
 # ---- the example ------------------------------------------------------------------------------
 
 

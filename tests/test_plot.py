@@ -10,12 +10,16 @@ import subprocess
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb, to_rgba
+from matplotlib.contour import ContourSet
+from matplotlib.quiver import Quiver
 from matplotlib.text import Annotation, Text
 from netCDF4 import Dataset
 from small_run import DOMAIN, GRIDS, LAND, small_model, small_run
 
 from floebmi import (
+    AirDrag,
     Domain,
     Floes,
     Grid,
@@ -287,6 +291,136 @@ def test_a_graticule_says_on_which_side_of_the_equator_and_of_greenwich_its_line
         assert told == set(west_south), projection
 
 
+def shown(figure):
+    """What is written in a picture, with the boxes that it takes."""
+    figure.canvas.draw()
+    texts = []
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+            texts += [text for tick in ticks for text in (tick.label1, tick.label2)]
+            texts += [axis.label, axis.get_offset_text()]
+        texts += [one for one in axes.get_children() if isinstance(one, Text)]
+    texts = [text for text in texts if text.get_visible() and text.get_text()]
+    return [(text.get_text(), text.get_window_extent()) for text in texts]
+
+
+def faults(figure):
+    """Texts that are cut off, and those that lie on each other."""
+    texts, (width, height) = shown(figure), figure.bbox.size
+    cut = [
+        text
+        for text, box in texts
+        if box.x0 < -1 or box.y0 < -1 or box.x1 > width + 1 or box.y1 > height + 1
+    ]
+    return cut + [
+        (one, other)
+        for k, (one, box) in enumerate(texts)
+        for other, its in texts[:k]
+        if min(box.x1, its.x1) - max(box.x0, its.x0) > 1
+        and min(box.y1, its.y1) - max(box.y0, its.y0) > 1
+    ]
+
+
+@pytest.mark.parametrize("x, y", [(1e3, 1e6), (1e3, 30e3), (8e3, 30e3), (30e3, 1e3), (1e6, 1e3)])
+def test_a_narrow_or_a_flat_domain_leaves_room_for_all_that_is_written(tmp_path, x, y):
+    domain = Domain((0.0, x), (0.0, y))
+    grid = Grid.uniform(domain.x, domain.y, spacing=(x / min(30, x / 500), y / min(30, y / 500)))
+    model = Model(domain, Floes(x / 2, y / 2, 400.0, 1.0), None, [AirDrag()], grid)
+    model.atmosphere.u[:] = 20.0
+    paths = tmp_path / "gridded.nc", tmp_path / "floes.nc"
+    title = {"title": "A title that tells a little of the run and its ice"}
+    with (
+        GriddedWriter(paths[0], model, title, reference="1979-01-15") as fields,
+        TrajectoryWriter(paths[1], model, title, reference="1979-01-15") as floes,
+    ):
+        fields.write(model)
+        floes.write(model)
+    figures = draw.frame(paths[1], paths[0], arrows="wind"), draw.field(paths[0])
+    for figure in figures:
+        assert not faults(figure)
+    bar = figures[1].axes[1].get_ylabel()
+    assert " ".join(bar.split("\n")) == find("area_fraction").text + " [1]"  # no word is broken
+    (arrows,) = (one for one in figures[0].axes[0].collections if isinstance(one, Quiver))
+    inches = np.ptp(arrows.get_window_extent().intervalx) / figures[0].dpi
+    assert arrows.width * arrows._dots_per_unit(arrows.units) > 1.5 and inches > 0.1
+    (scale,) = (line for line in figures[0].axes[0].lines if len(line.get_xdata()) == 2)
+    assert np.ptp(scale.get_xdata()) > 0.25  # inches
+
+
+def test_places_far_from_the_origin_are_written_in_full(tmp_path):
+    for width, told in ((8e3, ("100000", "−99992")), (80.0, ("100000000", "−99999920"))):
+        domain = Domain((1e8, 1e8 + width), (-1e8, -1e8 + width))
+        floe = Floes(1e8 + width / 2, -1e8 + width / 2, width / 10, 1.0)
+        figure = draw.frame(written(tmp_path, domain, floe))
+        assert not faults(figure)
+        texts = [text for text, _ in shown(figure)]
+        assert set(told) <= set(texts)
+        assert pixels(figure).shape[1] == 1200
+        assert not any("e" in text for text in texts if text[-1].isdigit())
+    domain = Domain((5.123e6, 5.125e6), (-7.2e6, -7.16e6))  # no room for three numbers along x
+    figure = draw.frame(written(tmp_path, domain, Floes(5.124e6, -7.18e6, 400.0, 1.0)))
+    assert not faults(figure)
+    assert figure.axes[0].get_xlabel() == "x [km]: 5123 to 5125"
+
+
+def test_long_numbers_at_a_colour_bar_leave_room_for_its_label(tmp_path):
+    for thickness in ([2.0, 2.00001], [2.0, 2.5], [-0.2, 0.1]):
+        floes = Floes([5e3, 9e3], 5e3, 500.0, np.abs(thickness), u=thickness)
+        path = written(tmp_path, DOMAIN, floes)
+        for color in ("thickness", "u"):
+            assert not faults(draw.frame(path, color=color))
+
+
+def test_no_numbers_of_a_graticule_lie_on_each_other_and_it_goes_over_the_date_line(tmp_path):
+    domain = Domain((-6e5, 6e5), (-5e5, 5e5))
+    grid = Grid.uniform(domain.x, domain.y, spacing=50e3)
+    model = Model(domain, Floes(3e5, 1e5, 5e3, 1.0), forces=[OceanDrag()], grid=grid)
+    for middle, west, east in (("180", "170°E", "170°W"), ("0", "10°W", "10°E")):
+        path = tmp_path / f"{middle}.nc"
+        projection = f"+proj=laea +lon_0={middle} +lat_0=66"
+        with GriddedWriter(path, model, projection=projection) as writer:
+            writer.write(model)
+        figure = draw.field(path)
+        assert not faults(figure)
+        numbers = [text for text, _ in shown(figure) if "°" in text]
+        assert {west, east, "66°N"} <= set(numbers)
+        lines = [one for one in figure.axes[0].collections if isinstance(one, ContourSet)]
+        assert len(lines) == 2 and all(one.get_path_effects() for one in lines)  # on dark water
+        x = {text.get_text(): text.get_position()[0] for text in figure.axes[0].texts}
+        assert x[west] < 0.0 < x[east]
+
+
+def test_the_times_of_a_file_differ_in_its_pictures(tmp_path):
+    path, model = tmp_path / "floes.nc", Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
+    year = 365 * 86400.0
+    for times, how, told in (
+        ((-7200.0, -3600.0), {}, "t = −120 min"),
+        ((-20 * 86400.0, 0.0), {}, "t = −20 d"),
+        ((30 * year - 86400.0, 30 * year), {}, "t = 10949 d"),
+        ((10.0, 20.0), {"reference": "1979-01-15"}, "1979-01-15 00:00:10"),
+        ((60.0, 120.0), {"reference": "1979-01-15"}, "1979-01-15 00:01"),
+    ):
+        with TrajectoryWriter(path, model, overwrite=True, **how) as writer:
+            for model.time in times:
+                writer.write(model)
+        first, last = (draw.frame(path, time=k).axes[0].get_title("right") for k in (0, 1))
+        assert first == told and last != told
+
+
+def test_a_field_that_is_negative_has_the_scale_of_one_that_is_not(tmp_path):
+    floes, ends = Floes(5e3, 5e3, 500.0, 1.0), []
+    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=GRIDS["uniform"]())
+    for sign in (1.0, -1.0):
+        model.ocean.u[:] = sign * np.linspace(0.3, 0.4, 80)
+        with GriddedWriter(tmp_path / f"{sign}.nc", model) as writer:
+            writer.write(model)
+        figure = draw.field(tmp_path / f"{sign}.nc", "ocean_velocity_x")
+        ends.append(figure.axes[0].collections[0].get_clim())
+    assert ends[0] == pytest.approx((0.3, 0.4)) and ends[1] == pytest.approx((-0.4, -0.3))
+
+
 def test_a_logarithmic_axis_within_a_decade_has_numbers_enough():
     with draw.graph(3, 3) as figure:
         axes = figure.subplots()
@@ -351,8 +485,26 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
     accounts = [y for label, y in lines.items() if label not in ("gain of the ice", "residual")]
     np.testing.assert_allclose(sum(accounts), lines["gain of the ice"], rtol=1e-9)
     assert abs(lines["residual"]).max() < 1e-9 * abs(lines["wind"]).max()
-    assert mass.get_ylabel() == "mass [kg]"
-    assert along_x.get_ylabel() == "momentum along x [N s]"
+    assert mass.get_ylabel() == "mass [10⁹ kg]"
+    assert along_x.get_ylabel() == "momentum along x [10⁶ N s]"
+
+
+def test_the_powers_of_ten_of_a_ledger_stand_with_its_units(tmp_path):
+    model, path = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0)), tmp_path / "floes.nc"
+    with TrajectoryWriter(path, model) as writer:
+        writer.write(model)
+        model.floes.add([9e3], 9e3, 500.0, 1.0, u=0.01)
+        model.advance(60.0)
+        writer.write(model)
+    figure = draw.ledger(path)
+    FigureCanvasAgg(figure)
+    assert not any("e" in text for text, _ in shown(figure) if text[-1].isdigit())
+    with Dataset(path) as data:
+        gain = float(np.diff(data["ledger_stock"][:, 0])[0])
+    (mass,) = (one for one in figure.axes if one.get_ylabel().startswith("mass"))
+    assert mass.get_ylabel() == "mass [10⁶ kg]"
+    end, top = mass.lines[0].get_ydata()[-1], mass.yaxis.get_major_formatter()(gain, 0)
+    assert end == pytest.approx(gain) and float(top) == pytest.approx(gain / 1e6)
 
 
 def test_the_ledger_of_a_run_that_goes_on_begins_with_its_first_frame(tmp_path):
@@ -508,6 +660,9 @@ def test_the_users_settings_are_left_alone(run, tmp_path):
         (lambda f, g: draw.frame(f, to="a.xyz"), "a.xyz: allowed:.*.png"),
         (lambda f, g: draw.frame(f, to="no/a.png"), "there is no folder no"),
         (lambda f, g: draw.frame(f, size=10), "size = 10"),
+        (lambda f, g: draw.frame(f, limits=(1.0, 1.0)), "limits = .*the smaller one first"),
+        (lambda f, g: draw.field(g, limits=(1.0, 0.0)), "limits = .*the smaller one first"),
+        (lambda f, g: draw.page(f, limits=(np.nan, 1.0)), "limits = .*two finite numbers"),
         (lambda f, g: draw.field(g, "thicknes"), "'thicknes'.*did you mean 'thickness'"),
         (lambda f, g: draw.field(g, "sea_surface_tilt_x"), "has no sea_surface_tilt_x"),
         (lambda f, g: draw.animate(f, to="a.avi"), "a.avi: allowed: .gif, .mp4"),
@@ -618,6 +773,24 @@ def test_a_page_shows_shores_walls_and_periods(tmp_path):
     np.testing.assert_allclose(walls["north"], [700.0, 680.0])
     line = draw.frame(path, time=1).axes[0].lines[-1].get_xydata()
     np.testing.assert_allclose(line, [[0.0, 690.0], [1.0, 690.0]])  # across the picture
+
+
+def test_a_page_far_from_the_origin_has_floes_where_they_are_and_a_scale_with_two_ends(tmp_path):
+    domain = Domain((1e8, 1e8 + 100.0), (-1e8, -1e8 + 80.0))
+    floes = Floes(
+        1e8 + np.array([51.0, 81.0]), -1e8 + np.array([41.0, 33.0]), 8.0, [2.0001, 2.0003]
+    )
+    shore = np.array([[1e8, -1e8], [1e8 + 9.0, -1e8], [1e8, -1e8 + 9.0]])
+    model = Model(domain, floes, frictional(), walls=[Wall("east", position=1e8 + 95.0)])
+    with TrajectoryWriter(tmp_path / "floes.nc", model, land=[shore]) as writer:
+        writer.write(model)
+    told = told_by(draw.page(tmp_path / "floes.nc", tmp_path / "run.html", color="thickness"))
+    west, _, south, _ = told["box"]
+    np.testing.assert_allclose(told["x"][0] - west, [51.0, 81.0], rtol=1e-6)
+    np.testing.assert_allclose(told["y"][0] - south, [41.0, 33.0], rtol=1e-6)
+    assert {(x - west, y - south) for x, y in told["shores"][0]} == {(0, 0), (9, 0), (0, 9)}
+    assert told["walls"] == [{"edge": "east", "position": [west + 95.0]}]
+    assert (told["bar"]["low"], told["bar"]["high"]) == ("2.0001", "2.0003")
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from floebmi import calibration, tradeoff
 from floebmi.cli import floebmi as command
@@ -155,6 +156,22 @@ def test_a_packaged_result_is_drawn_anew(tmp_path):
     assert CliRunner().invoke(command, words).output == f"wrote {picture}\n"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "exists already" in CliRunner().invoke(command, words).stderr
+
+
+@pytest.mark.parametrize("name", ["labrador-sea", "periodic-box", "strait"])
+def test_the_number_of_each_setting_can_be_read(name):
+    data = tradeoff.read(tradeoff.stored(read_scene(name)))
+    figure = tradeoff.figure(data, name)
+    FigureCanvasAgg(figure).draw()
+    axes = figure.axes[0]
+    numbers = [text for text in axes.texts if text.get_text().isdigit()]
+    boxes = [text.get_window_extent() for text in numbers]
+    assert len(boxes) == (data.sel(quantity=data.attrs["of"]).error > 0).sum()
+    assert not any(box.overlaps(other) for k, box in enumerate(boxes) for other in boxes[:k])
+    dots = [line for line in axes.lines if line.get_marker() == "o" and line.get_markersize() < 5]
+    for number, dot in zip(numbers, dots, strict=True):  # each stands at its place or by it
+        assert np.hypot(*number.get_position()) < 30  # points
+        assert number.xy == pytest.approx(dot.get_xydata()[0])
 
 
 def test_a_result_is_taken_for_what_was_set_by_hand_when_it_was_measured_or_for_the_scene_alone(

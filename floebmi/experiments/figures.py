@@ -130,6 +130,11 @@ def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
     else:
         sweep = SWEEPS[number]
         swept, models, stem = {sweep.name: sweep.values}, sweep.models, f"figure-{number}"
+    for name in swept:
+        if len(values.get(name, swept[name])) < 2:
+            raise InputError(
+                f"{name}: figure {number} is of several values of it; give two or more"
+            )
     made = {}
     for model, laws in models.items():
         # the figures of one experiment share what they can: 3 and 4 are of the same runs
