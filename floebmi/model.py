@@ -81,6 +81,7 @@ from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import (
     check,
+    check_flag,
     is_number,
     words,
 )
@@ -198,7 +199,7 @@ class Model:
         check_domain(domain)
         _check_kinds(floes, grid, walls, inflow, step, atmosphere_grid)
         self.domain, self.floes, self.contact = domain, floes, contact
-        if not isinstance(forces, Iterable):
+        if not np.iterable(forces):
             raise InputError(f"forces = {forces!r}: must be a list of forces, as [OceanDrag()]")
         self.forces = tuple(forces)
         self.step, self.sampling = step, sampling
@@ -208,6 +209,7 @@ class Model:
         self.seed, self.threads = seed, threads
         self.time = 0.0
         self._check_laws()
+        check_flag("rotation", rotation)
         self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
         if step.fraction is None:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
