@@ -21,7 +21,7 @@ import numpy as np
 
 from floebmi.errors import InputError, in_line
 from floebmi.kernels import jit
-from floebmi.quantities import FARTHEST, is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, two_numbers, unmasked
 
 Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
@@ -193,7 +193,7 @@ class Grid:
         if shape is not None:
             ny, nx = _counts(shape)
         else:
-            sides = (spacing, spacing) if is_number(spacing) else _two_numbers(spacing)
+            sides = (spacing, spacing) if is_number(spacing) else two_numbers(spacing)
             if sides is None:
                 raise InputError(f"grid: spacing = {spacing!r}: must be a number, or two (dx, dy)")
             nx, ny = _divide("x", west, east, sides[0]), _divide("y", south, north, sides[1])
@@ -444,14 +444,8 @@ def check_grid(name: str, grid: object) -> None:
         raise InputError(f"{name} = {in_line(grid)}: must be a Grid")
 
 
-def _two_numbers(pair: object) -> tuple[float, float] | None:
-    """The two numbers of a tuple, a list, an array or a column of a table; None of all else."""
-    row = list(pair) if np.iterable(pair) and hasattr(pair, "__getitem__") else []
-    return (float(row[0]), float(row[1])) if len(row) == 2 and all(map(is_number, row)) else None
-
-
 def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
-    ends = _two_numbers(pair)
+    ends = two_numbers(pair)
     if ends is None or not ends[1] > ends[0]:
         raise InputError(f"grid: {name} = {pair!r}: must be two numbers, the second larger")
     if max(map(abs, ends)) > FARTHEST:
@@ -460,7 +454,7 @@ def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
 
 
 def _counts(shape: tuple[int, int]) -> tuple[int, int]:
-    counts = _two_numbers(shape)
+    counts = two_numbers(shape)
     if counts is None or any(int(n) != n or n < 1 for n in counts):
         raise InputError(f"grid: shape = {shape}: must be (ny, nx), whole numbers of 1 or more")
     return int(counts[0]), int(counts[1])

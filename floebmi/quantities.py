@@ -122,6 +122,12 @@ def is_number(value: object) -> bool:
     return real and bool(np.isfinite(array))
 
 
+def two_numbers(pair: object) -> tuple[float, float] | None:
+    """The two numbers of a tuple, a list, an array or a column of a table; None of all else."""
+    row = list(pair) if np.iterable(pair) and hasattr(pair, "__getitem__") else []
+    return (float(row[0]), float(row[1])) if len(row) == 2 and all(map(is_number, row)) else None
+
+
 def check_flag(name: str, value: object) -> None:
     """InputError for what is neither True nor False: a text such as "no" would be true."""
     if not isinstance(value, bool | np.bool_):

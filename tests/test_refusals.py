@@ -120,3 +120,40 @@ def test_places_of_land_under_a_mask_are_none():
     x = np.ma.masked_array([0.0, 1.0], [False, True])
     with pytest.raises(InputError, match=r"x\[1\]"):
         from_land_fraction(x, [0.0, 1.0], np.eye(2), radius=0.1)
+
+
+@pytest.mark.parametrize("value", [None, "here", [1.0], {"a": 1}, np.eye(2), 3.0])
+def test_a_model_says_in_one_line_what_is_no_grid_and_no_state(value):
+    model = fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0))
+    with pytest.raises(InputError, match="must be a Grid"):
+        model.weights(value)
+    if value is not None:  # the exchange grid
+        with pytest.raises(InputError, match="must be a Grid"):
+            model.coverage(value)
+    with pytest.raises(InputError):
+        model.restore(value)
+
+
+def test_a_floe_alone_goes_on_for_as_long_as_one_wants():
+    model = fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0))
+    model.advance(1e300)
+    assert model.time == 1e300
+
+
+@pytest.mark.parametrize(
+    "times", [{"duration": 5e-324}, {"duration": 10.0, "exchange": 5e-324}], ids=str
+)
+def test_a_run_of_no_time_is_refused(times):
+    with pytest.raises(InputError):
+        fb.run(fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0)), **times)
+
+
+@pytest.mark.parametrize("span", [[[0.0], [1.0, 2.0]], "01", 5.0, (0.0, None)])
+def test_an_inflow_is_open_between_two_numbers(span):
+    with pytest.raises(InputError, match="span"):
+        fb.Model(
+            BOX,
+            fb.Floes(500.0, 500.0, 100.0, 1.0),
+            contact=fb.Contact(),
+            inflow=fb.Inflow("west", fb.SingleSize(50.0), span=span),
+        )
