@@ -10,7 +10,7 @@ from floebmi.dynamics import WALL
 from floebmi.errors import InputError, choose, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
-from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number, two_numbers
+from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number
 from floebmi.sizes import Sizes, check_sizes
 
 Edge = Literal["inactive", "periodic", "closed"]
@@ -296,7 +296,7 @@ class Feeder:
         _check_edge("inflow", inflow.edge, domain)
         for name in ("velocity", "span"):
             pair = getattr(inflow, name)
-            if pair is not None and two_numbers(pair) is None:
+            if pair is not None and not (np.iterable(pair) and len(pair) == 2):
                 raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
         check_sizes(inflow.sizes)
