@@ -193,10 +193,12 @@ class Regrid:
         Raises
         ------
         InputError
-            for a wrong size, or a value on a wet cell that is not finite.
+            for a wrong size, a value on a wet cell that is not finite, or an `empty` that is not one number.
         """
         values = self._check(values, self.source, self._used, "source")
         scale = self._scale(normalisation)
+        if unmasked(empty).ndim:
+            raise InputError(f"regrid: empty = {empty!r}: must be one number")
         return np.where(self._row_sum > 0, (self.overlap @ values) * scale, empty)
 
     def flux(self, values: np.ndarray, normalisation: Normalisation = "fraction") -> np.ndarray:

@@ -57,7 +57,8 @@ def turn(
     Raises
     ------
     InputError
-        for arrays of unlike shapes, which numpy would spread over each other where it can.
+        for arrays of unlike shapes, which numpy would spread over each other where it can, and for what are no
+        real numbers.
 
     Examples
     --------
@@ -65,7 +66,8 @@ def turn(
     >>> x.round(12), y.round(12)
     (array([0.]), array([1.]))
     """
-    shapes = [np.shape(values) for values in (along_first, along_second, angle)]
+    along_first, along_second, angle = map(unmasked, (along_first, along_second, angle))
+    shapes = [values.shape for values in (along_first, along_second, angle)]
     if shapes[1] != shapes[0] or shapes[2] not in ((), shapes[0]):
         raise InputError(
             f"turn: components of shape {shapes[0]} and {shapes[1]}, angles of {shapes[2]}: must be of one shape,"

@@ -629,6 +629,8 @@ class Advance:
     def kept_energy(self) -> float:
         """Elastic energy less what waves hide from the scheme, Δt²/8 Σ|F|²/m (eq. kept-energy) [J]."""
         press, _ = self._press()
+        if not press:  # the last step may be too long to be squared
+            return self.elastic_energy()
         return self.elastic_energy() - 0.125 * self.state.counters.last_step**2 * press
 
     def _press(self) -> tuple[float, float]:

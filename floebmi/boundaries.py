@@ -138,7 +138,7 @@ def check_domain(domain: Domain) -> None:
         raise InputError(f"domain = {domain!r}: must be a Domain")
     for name in ("x", "y"):
         pair = getattr(domain, name)
-        two = isinstance(pair, Sequence | np.ndarray) and np.shape(pair) == (2,)
+        two = isinstance(pair, Sequence | np.ndarray) and np.iterable(pair) and len(pair) == 2
         if not two or not all(map(is_number, pair)):
             raise InputError(
                 f"domain.{name} = {in_line(pair)}: must be two numbers (low, high) [m]"
@@ -296,7 +296,7 @@ class Feeder:
         _check_edge("inflow", inflow.edge, domain)
         for name in ("velocity", "span"):
             pair = getattr(inflow, name)
-            if pair is not None and np.shape(pair) != (2,):
+            if pair is not None and not (np.iterable(pair) and len(pair) == 2):
                 raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
         check_sizes(inflow.sizes)

@@ -182,8 +182,10 @@ def land_geometry(
     import shapely
 
     rings = []
+    if not np.iterable(polygons):
+        raise InputError(f"polygons = {polygons!r}; must be a list of rings (k, 2)")
     for number, polygon in enumerate(polygons):
-        points = np.asarray(polygon, dtype=float)
+        points = unmasked(polygon)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
             raise InputError(
                 f"polygon {number} has shape {points.shape}; must be (k, 2) with at least 3 points"
@@ -368,7 +370,14 @@ def _check_size(radius: float, thickness: float) -> None:
 
 def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Cell centres of shape (ny, nx), from rows of centres or edges or from such arrays."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    x, y = unmasked(x), unmasked(y)
+    for name, values in (("x", x), ("y", y)):
+        wrong = np.argwhere(~(np.abs(values) <= FARTHEST))  # NaN is wrong, too
+        if wrong.size:
+            place = tuple(int(k) for k in wrong[0])
+            raise InputError(
+                f"{name}{list(place)} = {values[place]}; must be finite, and within {FARTHEST:g} m"
+            )
     if x.shape == y.shape == shape:
         return x, y
     rows = []

@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -104,9 +105,12 @@ def run(
     Raises
     ------
     InputError
-        if the folder holds members of other parameters, or of another function, or if two members would have one name.
+        if the folder holds members of other parameters, or of another function, or if two members would have one name;
+        for less than one job.
     """
     folder = Path(folder)
+    if jobs is not None and not (isinstance(jobs, Integral) and jobs >= 1):
+        raise InputError(f"jobs = {jobs!r}: must be a whole number, at least 1")
     for name, values in {**sweep, "seeds": seeds}.items():
         if name == "seed" or isinstance(values, str) or not isinstance(values, Iterable):
             raise InputError(

@@ -11,6 +11,10 @@ from collections.abc import Iterable
 class InputError(ValueError):
     """Input that cannot be used; its text is one line that says what would be right."""
 
+    def __init__(self, text: str) -> None:
+        # values that stand in the text may take several lines: arrays, tables, texts of other libraries
+        super().__init__(" ".join(text.splitlines()))
+
 
 class StabilityError(RuntimeError):
     """A run left its bounds; its text names floe, time, step, and what would hold."""

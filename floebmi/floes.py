@@ -5,14 +5,14 @@ between advances they may be read and edited like any other array (`floes.u[3] =
 leaves the domain keeps its number and becomes inactive; new floes are added behind the last one.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.arrays import all_finite, same_bits
 from floebmi.errors import InputError, in_line
-from floebmi.quantities import FARTHEST, unmasked
+from floebmi.quantities import FARTHEST, check_flag, unmasked
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
 FIXED_Y = 2
@@ -154,6 +154,7 @@ class Floes:
         angle: ArrayLike = 0.0,
         angular_velocity: ArrayLike = 0.0,
     ) -> None:
+        check_flag("rotation", rotation)
         types = _TYPES | _ROTATION_TYPES if rotation else _TYPES
         self._n = 0
         self._columns = {name: np.empty(0, kind) for name, kind in types.items()}
@@ -315,12 +316,20 @@ class Floes:
             column[: self._n] = getattr(earlier, name)
 
     @staticmethod
-    def concatenate(groups: Sequence["Floes"]) -> "Floes":
+    def concatenate(groups: Iterable["Floes"]) -> "Floes":
         """All floes of some groups in one, numbered in the order given; inactive ones stay so.
 
         They rotate if any group does; those of the other groups get angle and angular velocity
         zero.  Likewise with a friction or strength of their own, NaN.
+
+        Raises
+        ------
+        InputError
+            for what are no floes, such as a `Coast` in place of its `floes`.
         """
+        groups = list(groups)
+        for group in groups:
+            check_floes(group)
         floes = Floes([], [], [], [], rotation=any(group.rotation for group in groups))
         for name in _OWN_TYPES:
             if any(getattr(group, name) is not None for group in groups):

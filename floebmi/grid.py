@@ -21,7 +21,7 @@ import numpy as np
 
 from floebmi.errors import InputError, in_line
 from floebmi.kernels import jit
-from floebmi.quantities import FARTHEST, is_number, unmasked
+from floebmi.quantities import FARTHEST, is_number, two_numbers, unmasked
 
 Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
@@ -193,8 +193,8 @@ class Grid:
         if shape is not None:
             ny, nx = _counts(shape)
         else:
-            sides = (spacing, spacing) if np.ndim(spacing) == 0 else tuple(spacing)
-            if len(sides) != 2:
+            sides = (spacing, spacing) if is_number(spacing) else two_numbers(spacing)
+            if sides is None:
                 raise InputError(f"grid: spacing = {spacing!r}: must be a number, or two (dx, dy)")
             nx, ny = _divide("x", west, east, sides[0]), _divide("y", south, north, sides[1])
         _check_number(ny, nx)
@@ -445,18 +445,19 @@ def check_grid(name: str, grid: object) -> None:
 
 
 def _interval(name: str, pair: tuple[float, float]) -> tuple[float, float]:
-    if np.shape(pair) != (2,) or not all(map(is_number, pair)) or not pair[1] > pair[0]:
+    ends = two_numbers(pair)
+    if ends is None or not ends[1] > ends[0]:
         raise InputError(f"grid: {name} = {pair!r}: must be two numbers, the second larger")
-    if max(map(abs, pair)) > FARTHEST:
+    if max(map(abs, ends)) > FARTHEST:
         raise InputError(f"grid: {name} = {pair!r}: must be within {FARTHEST:g} m")
-    return float(pair[0]), float(pair[1])
+    return ends
 
 
 def _counts(shape: tuple[int, int]) -> tuple[int, int]:
-    counts = np.shape(shape) == (2,) and all(map(is_number, shape))
-    if not counts or any(int(n) != n or n < 1 for n in shape):
+    counts = two_numbers(shape)
+    if counts is None or any(int(n) != n or n < 1 for n in counts):
         raise InputError(f"grid: shape = {shape}: must be (ny, nx), whole numbers of 1 or more")
-    return int(shape[0]), int(shape[1])
+    return int(counts[0]), int(counts[1])
 
 
 def _check_number(ny: int, nx: int) -> None:
@@ -467,6 +468,7 @@ def _check_number(ny: int, nx: int) -> None:
 def _divide(name: str, low: float, high: float, spacing: float) -> int:
     if not (is_number(spacing) and spacing > 0):
         raise InputError(f"grid: spacing along {name} = {spacing!r}: must be greater than 0")
+    spacing = float(spacing)
     exact = (high - low) / spacing
     if exact > MOST_CELLS:
         raise InputError(
@@ -506,7 +508,10 @@ def _mask(wet: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     size = int(np.prod(shape))
     if wet is None:
         return np.ones(size, bool)
-    mask = np.asarray(wet)
+    try:
+        mask = np.asarray(wet)
+    except ValueError as error:  # rows of unlike lengths
+        raise InputError(f"grid: wet: must be {shape} or ({size},) ({error})") from None
     if mask.shape not in (shape, (size,)):
         raise InputError(f"grid: wet has shape {mask.shape}: must be {shape} or ({size},)")
     if np.ma.is_masked(wet):
@@ -514,7 +519,7 @@ def _mask(wet: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
         raise InputError(
             f"grid: wet{list(place)} is masked: must be bool, or 0 or 1 (wet.filled(0) makes it dry)"
         )
-    if mask.dtype != bool and not np.isin(mask, (0, 1)).all():
+    if mask.dtype != bool and (mask.dtype.kind == "V" or not np.isin(mask, (0, 1)).all()):
         raise InputError(f"grid: wet has type {mask.dtype}: must be bool, or hold only 0 and 1")
     return mask.astype(bool).ravel().copy()
 

@@ -42,7 +42,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_contact, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose
+from floebmi.errors import InputError, StabilityError, choose, in_line
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.fluid import Fluid
 from floebmi.forces import (
@@ -64,7 +64,7 @@ from floebmi.forces import (
     given,
     lanes,
 )
-from floebmi.grid import Grid
+from floebmi.grid import Grid, check_grid
 from floebmi.gridding import (
     cell_fields,
     divergence,
@@ -81,6 +81,7 @@ from floebmi.pack import Contacts, look
 from floebmi.pairs import PairList
 from floebmi.quantities import (
     check,
+    check_flag,
     is_number,
     words,
 )
@@ -198,7 +199,7 @@ class Model:
         check_domain(domain)
         _check_kinds(floes, grid, walls, inflow, step, atmosphere_grid)
         self.domain, self.floes, self.contact = domain, floes, contact
-        if not isinstance(forces, Iterable):
+        if not np.iterable(forces):
             raise InputError(f"forces = {forces!r}: must be a list of forces, as [OceanDrag()]")
         self.forces = tuple(forces)
         self.step, self.sampling = step, sampling
@@ -208,6 +209,7 @@ class Model:
         self.seed, self.threads = seed, threads
         self.time = 0.0
         self._check_laws()
+        check_flag("rotation", rotation)
         self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
         if step.fraction is None:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
@@ -559,7 +561,9 @@ class Model:
 
         grid : default: the exchange grid
         """
-        return self._areas(self._look(), self.grid if grid is None else grid)
+        grid = self.grid if grid is None else grid
+        check_grid("grid", grid)
+        return self._areas(self._look(), grid)
 
     def _areas(self, seen: _Seen, grid: Grid) -> Coverage:
         areas = seen.areas
@@ -571,6 +575,7 @@ class Model:
 
     def weights(self, grid: Grid) -> Weights:
         """Floe-grid weights at the present places, on a grid."""
+        check_grid("grid", grid)
         return self._weights(self._look(), grid)
 
     def _weights(self, seen: _Seen, grid: Grid) -> Weights:
@@ -907,6 +912,10 @@ class Model:
         InputError
             if the state does not fit this model, with table and key; the model is then as before.
         """
+        if not isinstance(state, Mapping):
+            raise InputError(
+                f"state = {in_line(state)}: must be what `state` gives, or a restart file"
+            )
         branched = self._refuse_unlike(state)
         saved = walls_of_state(self._state.walls, np.asarray(state["walls"]))
         floes = self._floes_of(state)

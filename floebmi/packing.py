@@ -15,7 +15,7 @@ from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import read_features
 from floebmi.errors import InputError, choose
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
-from floebmi.grid import Grid
+from floebmi.grid import Grid, check_grid
 from floebmi.laying import ground_of, settle, spread, thin_out
 from floebmi.neighbours import sort_in_space
 from floebmi.pressing import SPARE, press
@@ -162,13 +162,14 @@ def from_field(
         for a value in a wet cell that is not usable, with its index; a period shorter than the grid.
     """
     check_sizes(sizes)
+    check_grid("grid", grid)
     if domain is None:
         domain = Domain(
             (float(grid.node_x.min()), float(grid.node_x.max())),
             (float(grid.node_y.min()), float(grid.node_y.max())),
         )
     check_domain(domain)
-    if not 0 < max_concentration <= 0.88:
+    if not (is_number(max_concentration) and 0 < max_concentration <= 0.88):
         raise InputError(f"max_concentration = {max_concentration!r}; must be in (0, 0.88]")
     fraction = _field("area_fraction", area_fraction, grid)
     depth = _field("thickness", thickness, grid)

@@ -17,6 +17,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
@@ -26,6 +27,7 @@ from floebmi.errors import InputError, choose
 from floebmi.files import check_folder, in_one_go
 from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.output import open_file
+from floebmi.quantities import is_number, two_numbers
 from floebmi.variables import VARIABLES, find
 
 if TYPE_CHECKING:
@@ -293,9 +295,9 @@ def animate(
 
     to = Path(to)
     _check_kind(to, (".mp4", ".gif"))
-    for name, value in (("fps", fps), ("every", every)):
-        if value < 1:
-            raise InputError(f"{name} = {value}: must be at least 1")
+    if not (is_number(fps) and fps >= 1):
+        raise InputError(f"fps = {fps!r}: must be at least 1")
+    _check_every(every)
     with matplotlib.rc_context(style()), ExitStack() as files:
         view = _open_view(files, trajectories, gridded)
         picture = _FloePicture(view, color, arrows, limits, title, size)
@@ -341,8 +343,7 @@ def page(
     """
     to = Path(to)
     _check_kind(to, (".html",))
-    if every < 1:
-        raise InputError(f"every = {every}: must be at least 1")
+    _check_every(every)
     with ExitStack() as files:
         view = _open_view(files, trajectories, None)
         run = _page_of(_FloePicture(view, color, None, limits, title, 400), view, every)
@@ -424,9 +425,18 @@ def _length_unit(data: "Dataset") -> tuple[float, str]:
 
 
 def _frame_number(path: str | Path, time: int, n: int) -> int:
-    if not -n <= time < n:
-        raise InputError(f"{path}: time = {time}: it has {n} frames; give {-n} to {n - 1}")
-    return time % n
+    if not (_is_whole(time) and -n <= time < n):
+        raise InputError(f"{path}: time = {time!r}: it has {n} frames; give {-n} to {n - 1}")
+    return int(time) % n
+
+
+def _check_every(every: int) -> None:
+    if not (_is_whole(every) and every >= 1):
+        raise InputError(f"every = {every!r}: must be at least 1, and whole")
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral) and is_number(value)
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
@@ -471,10 +481,13 @@ def _scale_of(
     import matplotlib
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
 
-    if limits is not None and not (
-        len(limits) == 2 and np.isfinite(limits).all() and limits[0] < limits[1]
-    ):
-        raise InputError(f"limits = {limits}: must be two finite numbers, the smaller one first")
+    if limits is not None:
+        ends = two_numbers(limits)
+        if ends is None or not ends[0] < ends[1]:
+            raise InputError(
+                f"limits = {limits!r}: must be two finite numbers, the smaller one first"
+            )
+        limits = ends
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     if name == "area_fraction":
@@ -656,8 +669,8 @@ def _lines(text: str, letters: int) -> list[str]:
 
 def _inches(size: int) -> tuple[float, float]:
     """Width in inches, and pixels per inch: small pictures get smaller letters, but not in proportion."""
-    if size < 200:
-        raise InputError(f"size = {size}: must be at least 200 pixels")
+    if not (is_number(size) and size >= 200):
+        raise InputError(f"size = {size!r}: must be at least 200 pixels")
     width = float(np.clip(size / 150, 5.5, 8.0))
     return width, (size + 0.01) / width  # matplotlib cuts off fractions of a pixel
 

@@ -161,13 +161,18 @@ def centred_projection(lon: float | tuple[float, float], lat: float | tuple[floa
     stereographic plane is off by the map scale squared, 5 % at 79 N), and directions hold to
     0.2 degrees up to 1000 km from the centre.
 
+    Raises
+    ------
+    InputError
+        for what is not one finite number or two, and latitudes that are none, or from north to south.
+
     Examples
     --------
     >>> centred_projection(lon=(280, 320), lat=(46, 78))
     '+proj=laea +lat_0=62 +lon_0=-60 +datum=WGS84 +units=m +no_defs'
     """
-    lon, lat = np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float)
-    if lon.size > 2 or lat.size > 2 or not (np.isfinite(lon).all() and np.isfinite(lat).all()):
+    lon, lat = np.atleast_1d(unmasked(lon)), np.atleast_1d(unmasked(lat))
+    if not all(v.shape in ((1,), (2,)) and np.isfinite(v).all() for v in (lon, lat)):
         raise InputError(
             f"centred_projection: lon = {lon}, lat = {lat}: give one number or two for each"
         )

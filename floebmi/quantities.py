@@ -66,18 +66,26 @@ def unmasked(values: ArrayLike) -> np.ndarray:
     ------
     InputError
         for what is not real, or has a unit: numpy would take numbers out of texts, and leave out an imaginary part or
-        a unit.
+        a unit; and for rows of unlike lengths.
     """
     if _has_unit(values):
         raise InputError(f"{in_line(values)}: must be numbers without a unit")
-    array = np.asanyarray(values)
+    try:
+        array = np.asanyarray(values)
+    except ValueError as error:  # rows of unlike lengths
+        raise InputError(
+            f"{in_line(values)}: must be numbers, in rows of one length ({error})"
+        ) from None
     if array.dtype.kind not in "fiubO":  # objects may be numbers, as in columns of pandas
         raise InputError(f"values of type {array.dtype}: must be real numbers")
     if array.dtype.kind == "O" and any(isinstance(value, str | bytes) for value in array.flat):
         raise InputError("texts among the values: must be real numbers")
-    if isinstance(array, np.ma.MaskedArray):
-        return array.astype(np.float64).filled(np.nan)
-    return np.asarray(array, np.float64)
+    try:
+        if isinstance(array, np.ma.MaskedArray):
+            return array.astype(np.float64).filled(np.nan)
+        return np.asarray(array, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:  # objects that are none, or too large
+        raise InputError(f"{in_line(values)}: must be real numbers ({error})") from None
 
 
 def _has_unit(values: object) -> bool:
@@ -106,9 +114,24 @@ def is_number(value: object) -> bool:
     """Whether it is one finite real number, be it of numpy or another array library: no text, no flag, no row, no unit."""
     if _has_unit(value):
         return False
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of unlike lengths
+        return False
     real = array.ndim == 0 and array.dtype.kind in "iuf" and value is not np.ma.masked
     return real and bool(np.isfinite(array))
+
+
+def two_numbers(pair: object) -> tuple[float, float] | None:
+    """The two numbers of a tuple, a list, an array or a column of a table; None of all else."""
+    row = list(pair) if np.iterable(pair) and hasattr(pair, "__getitem__") else []
+    return (float(row[0]), float(row[1])) if len(row) == 2 and all(map(is_number, row)) else None
+
+
+def check_flag(name: str, value: object) -> None:
+    """InputError for what is neither True nor False: a text such as "no" would be true."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} = {value!r}: must be True or False")
 
 
 def number_in(value: object) -> float:
@@ -142,7 +165,10 @@ def _check_number(place: str, value: object, hint: object) -> None:
     values = value if tuple in parts and isinstance(value, tuple) else (value,)
     for one in values:
         number = isinstance(one, numbers.Integral if whole else numbers.Real)
-        if isinstance(one, bool) or not (number and math.isfinite(one)):
+        # kernels take what numpy has a type for: no fraction, no integer without end, no long double
+        if isinstance(one, bool) or not (
+            number and is_number(one) and np.asarray(one).itemsize <= 8
+        ):
             what = "whole" if whole else "finite"
             raise InputError(f"{place} = {value!r}: must be a {what} number")
         for part in parts:

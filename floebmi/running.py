@@ -203,7 +203,7 @@ def run(
     if not isinstance(model, Model):
         raise InputError(f"run: model = {in_line(model)}: must be a Model")
     total = _positive("duration", duration)
-    every = total / 20 if every is None else _positive("every", every)
+    every = _positive("every", total / 20 if every is None else every)
     exchange = every if exchange is None else _positive("exchange", exchange)
     exchanges = check_intervals(every, exchange)
     start, end, before = model.time, model.time + total, model.counters.floe_steps
@@ -328,6 +328,8 @@ def check_forcing(source: "VelocitySource", fluid: "Fluid", start: float, end: f
 def check_intervals(every: float, exchange: float, where: str = "exchange") -> int:
     """Exchanges per frame; InputError if the one interval does not divide the other."""
     times = every / exchange
+    if not np.isfinite(times):
+        raise InputError(f"{where} = {exchange:g} s: must be longer, for frames {every:g} s apart")
     if round(times) < 1 or abs(times - round(times)) > 1e-9 * times:
         fitting = every / max(1, np.ceil(times))
         raise InputError(

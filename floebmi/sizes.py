@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Ge, Le, MinLen
 
 from floebmi.errors import InputError
-from floebmi.quantities import NonNegative, Positive, check, number_in
+from floebmi.quantities import NonNegative, Positive, check, number_in, unmasked
 
 # What a header may say that is no radius [m].
 _NO_RADII = {"diameter", "diameters", "area", "areas", "perimeter", "length", "width", "caliper"}
@@ -229,7 +229,7 @@ def check_sizes(sizes: Sizes) -> None:
 
 
 def _row(name: str, values: tuple[float, ...]) -> np.ndarray:
-    row = np.asarray(values, dtype=float)
+    row = unmasked(values)
     if row.ndim != 1 or not len(row) or not np.isfinite(row).all():
         raise InputError(f"{name} = {values!r}: must be a row of finite numbers")
     return row

@@ -318,3 +318,9 @@ def test_the_same_call_runs_on_a_dask_client(tmp_path):
     ):
         done = ensemble.run(member, {}, SWEEP, (1, 2), tmp_path / "m", on=client)
     assert len(done.members) == 12
+
+
+@pytest.mark.parametrize("jobs", [0, -1, 1.5, "2"])
+def test_less_than_one_job_is_refused(tmp_path, jobs):
+    with pytest.raises(InputError, match="jobs"):
+        ensemble.run(member, {}, SWEEP, range(2), tmp_path / "members", jobs=jobs)

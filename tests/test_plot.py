@@ -810,3 +810,32 @@ def test_a_page_that_cannot_be_made_is_refused(run, how, message):
 def test_the_unit_1_is_not_raised_as_an_exponent(run):
     label = draw.field(run[0], "area_fraction").axes[1].get_ylabel()
     assert label.endswith("[1]")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"time": 1.5}, {"time": "last"}, {"time": None}, {"size": np.nan}, {"size": "large"},
+        {"limits": (1.0, 0.0)}, {"limits": (0.0, np.nan)}, {"limits": (0.0, 1.0, 2.0)}, {"limits": 3.0},
+        {"limits": "01"},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_numbers_of_a_picture_that_cannot_be_are_refused(run, wrong):
+    for picture in (lambda: draw.frame(run[1], **wrong), lambda: draw.field(run[0], **wrong)):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            picture()
+
+
+@pytest.mark.parametrize("every", [0, 1.5, "2", None])
+def test_frames_are_left_out_by_whole_numbers(run, tmp_path, every):
+    with pytest.raises(InputError, match="every"):
+        draw.page(run[1], tmp_path / "floes.html", every=every)
+    with pytest.raises(InputError, match="every"):
+        draw.animate(run[1], to=tmp_path / "floes.gif", every=every)
+
+
+@pytest.mark.parametrize("fps", [0, np.nan, "12", None])
+def test_a_film_has_frames_in_a_second(run, tmp_path, fps):
+    with pytest.raises(InputError, match="fps"):
+        draw.animate(run[1], to=tmp_path / "floes.gif", fps=fps)

@@ -89,6 +89,35 @@ def test_survival_falls_by_one_run_at_each_jam_and_stays_above_zero_if_some_flow
 def test_a_run_that_jams_before_it_can_is_refused():
     with pytest.raises(InputError, match="before it can"):
         timescale([HOUR], [2 * HOUR], [3 * HOUR])
+    with pytest.raises(InputError, match="before it can"):
+        timescale([HOUR], [np.nan], [3 * HOUR])
+
+
+def test_runs_that_never_could_jam_say_nothing_of_the_interval():
+    some = timescale([8.0, 12.0], [0.0, 0.0], [50.0, 50.0])
+    assert timescale([8.0, 12.0, np.nan], [0.0, 0.0, np.nan], [50.0] * 3) == some
+
+
+def test_jams_under_a_mask_are_none():
+    masked = np.ma.masked_array([3.0, 1.0, 2.0], [False, True, False])
+    assert survival(masked)[0].tolist() == [2.0, 3.0]
+    assert timescale(masked, [0.0] * 3, [5.0] * 3).value == 10.0 / 2
+
+
+@pytest.mark.parametrize(
+    "fit",
+    [
+        lambda: timescale([1.0, 2.0], [0.0], [3.0, 3.0]),
+        lambda: timescale([1.0], [0.0], [3.0], confidence=None),
+        lambda: timescale([np.nan], [0.0], [np.inf]),
+        lambda: fit_line([1.0, 2.0, 3.0], [1.0, 2.0]),
+        lambda: fit_line([1.0, 2.0, 3.0], [1.0, 2.0, 3.0], confidence=95),
+        lambda: survival("abc"),
+    ],
+)
+def test_what_no_fit_can_be_made_of_is_refused(fit):
+    with pytest.raises(InputError):
+        fit()
 
 
 def test_the_line_recovers_friction_and_cohesion_and_covers_them_as_often_as_it_says():

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
+from floebmi.quantities import is_number, unmasked
 
 
 class Timescale(NamedTuple):
@@ -46,7 +47,7 @@ def survival(jam_time: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
     jam_time : of each run [s], NaN for one that did not jam
     """
-    times = np.asarray(jam_time, float).ravel()
+    times = unmasked(jam_time).ravel()
     jammed = np.sort(times[np.isfinite(times)])
     return jammed, 1.0 - np.arange(1, len(jammed) + 1) / max(len(times), 1)
 
@@ -82,7 +83,8 @@ def timescale(
     Parameters
     ----------
     jam_time : of each run [s], NaN where it did not jam
-    start : when it could first have jammed: the first floe reached the outlet [s]; NaN: never
+    start : when it could first have jammed: the first floe reached the outlet [s]; NaN: never, and the run says
+        nothing
     end : of the run [s]; a run without a jam flowed until then
     confidence : of the interval, by χ²: exact at each end where runs stop at the k-th jam, close to it where
         they stop at a time
@@ -91,27 +93,34 @@ def timescale(
     -------
     Timescale.  Without a jam T is infinite, and so is the upper end; the lower one is one-sided.
 
+    Raises
+    ------
+    InputError
+        for unlike numbers of times, a confidence that is not between 0 and 1, and a run that jams or ends before it
+        can.
+
     References
     ----------
     J. F. Lawless (2003), Statistical models and methods for lifetime data, section 4.1.
     """
     from scipy.stats import chi2
 
-    jam, begin, stop = (np.asarray(values, float).ravel() for values in (jam_time, start, end))
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence = {confidence!r}: must be between 0 and 1")
+    jam, begin, stop = _of_each_run(jam_time=jam_time, start=start, end=end)
+    _check_confidence(confidence)
+    could = np.isfinite(begin)
     jammed = np.isfinite(jam)
-    flowed = np.where(jammed, jam, stop) - begin
-    flowed = flowed[np.isfinite(flowed)]
-    if (flowed < 0).any():
+    flowed = (np.where(jammed, jam, stop) - begin)[could]
+    if (flowed < 0).any() or (jammed & ~could).any():
         raise InputError("timescale: a run jams or ends before it can; must be start <= jam, end")
+    if not np.isfinite(flowed).all():
+        raise InputError("timescale: end of a run that did not jam: must be finite")
     total, k = float(flowed.sum()), int(jammed.sum())
     if k == 0:
         low = total / -np.log(1.0 - confidence) if total > 0 else 0.0
         return Timescale(np.inf, float(low), np.inf)
     tail = 0.5 * (1.0 - confidence)
     # the time was cut for some: up to one more jam may have been on its way
-    more = 2 * k + (0 if jammed.all() else 2)
+    more = 2 * k + (0 if jammed[could].all() else 2)
     low = 2 * total / chi2.ppf(1.0 - tail, more)
     return Timescale(total / k, float(low), float(2 * total / chi2.ppf(tail, 2 * k)))
 
@@ -121,10 +130,16 @@ def fit_line(normal_stress: ArrayLike, shear_stress: ArrayLike, confidence: floa
 
     normal_stress, shear_stress : of each run [Pa]; runs with a NaN are left out.  With less than three
         runs, or one normal stress only, all is NaN.
+
+    Raises
+    ------
+    InputError
+        for unlike numbers of stresses, and a confidence that is not between 0 and 1.
     """
     from scipy.stats import linregress, t
 
-    x, y = np.asarray(normal_stress, float).ravel(), np.asarray(shear_stress, float).ravel()
+    x, y = _of_each_run(normal_stress=normal_stress, shear_stress=shear_stress)
+    _check_confidence(confidence)
     good = np.isfinite(x) & np.isfinite(y)
     x, y = x[good], y[good]
     if len(x) < 3 or np.ptp(x) == 0:
@@ -133,3 +148,17 @@ def fit_line(normal_stress: ArrayLike, shear_stress: ArrayLike, confidence: floa
     wide = t.ppf(0.5 + 0.5 * confidence, len(x) - 2)
     c, dc, m, dm = (float(v) for v in (fit.intercept, wide * fit.intercept_stderr, fit.slope, wide * fit.stderr))  # fmt: skip
     return Line(c, c - dc, c + dc, m, m - dm, m + dm)
+
+
+def _of_each_run(**values: ArrayLike) -> list[np.ndarray]:
+    """What there is one of for each run, flat."""
+    rows = [unmasked(one).ravel() for one in values.values()]
+    if len({row.size for row in rows}) > 1:
+        told = ", ".join(f"{row.size} of {name}" for name, row in zip(values, rows, strict=True))
+        raise InputError(f"{told}: must be one for each run")
+    return rows
+
+
+def _check_confidence(confidence: float) -> None:
+    if not (is_number(confidence) and 0 < confidence < 1):
+        raise InputError(f"confidence = {confidence!r}: must be between 0 and 1")

@@ -1,0 +1,159 @@
+"""What cannot be right is refused by InputError, in one line, whatever kind of thing it is."""
+
+import pickle
+from fractions import Fraction
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import floebmi as fb
+from coupling.regrid import Regrid
+from coupling.vectors import turn
+from floebmi.coast import from_land_fraction, from_polygons
+from floebmi.errors import InputError
+from floebmi.projection import centred_projection, to_plane
+
+BOX = fb.Domain((0.0, 2000.0), (0.0, 1000.0))
+GRID = fb.Grid.uniform(BOX.x, BOX.y, spacing=500.0)
+SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0)]
+NO_NUMBERS = {
+    "an object": object(),
+    "a table": {"a": 1},
+    "a function": len,
+    "unlike rows": [[1.0], [2.0, 3.0]],
+    "too large": 10**400,
+    "a text": "abc",
+}
+ASKED = {
+    "Floes": lambda value: fb.Floes(x=value, y=0.0, radius=10.0, thickness=1.0),
+    "Grid.uniform x": lambda value: fb.Grid.uniform(x=value, y=(0.0, 1.0), spacing=1.0),
+    "Grid.uniform spacing": lambda value: fb.Grid.uniform((0.0, 1.0), (0.0, 1.0), spacing=value),
+    "Grid.uniform shape": lambda value: fb.Grid.uniform((0.0, 1.0), (0.0, 1.0), shape=value),
+    "Grid.uniform wet": lambda value: fb.Grid.uniform((0, 1), (0, 1), shape=(1, 2), wet=value),
+    "Grid.rectilinear": lambda value: fb.Grid.rectilinear(value, [0.0, 1.0]),
+    "Grid.curvilinear": lambda value: fb.Grid.curvilinear(value, value),
+    "Grid.unstructured": lambda value: fb.Grid.unstructured(value, value, [[0, 1, 2]]),
+    "Domain": lambda value: fb.Model(BOX._replace(x=value), fb.Floes([], [], [], [])),
+    "Elastic": lambda value: fb.Model(
+        BOX, fb.Floes([], [], [], []), contact=fb.Contact(fb.Elastic(value))
+    ),
+    "Histogram": lambda value: fb.scatter(BOX, fb.Histogram(value, (1,)), count=1),
+    "PowerLaw": lambda value: fb.scatter(BOX, fb.PowerLaw(value, 60.0), count=1),
+    "scatter thickness": lambda value: fb.scatter(
+        BOX, fb.SingleSize(50.0), count=1, thickness=value
+    ),
+    "scatter land": lambda value: fb.scatter(BOX, fb.SingleSize(50.0), count=1, land=value),
+    "from_field": lambda value: fb.from_field(GRID, value, 1.0, fb.SingleSize(50.0)),
+    "from_field max_concentration": lambda value: fb.from_field(
+        GRID, 0.3, 1.0, fb.SingleSize(50.0), max_concentration=value
+    ),
+    "from_field grid": lambda value: fb.from_field(value, 0.3, 1.0, fb.SingleSize(50.0)),
+    "from_polygons": lambda value: from_polygons(value, radius=5.0),
+    "from_polygons radius": lambda value: from_polygons([SQUARE], radius=value),
+    "from_land_fraction": lambda value: from_land_fraction(value, [0.0, 1.0], np.eye(2), 0.1),
+    "to_plane": lambda value: to_plane("EPSG:3413", value, 70.0),
+    "centred_projection": lambda value: centred_projection(value, 70.0),
+    "Regrid source_area": lambda value: Regrid(GRID, GRID, source_area=value),
+    "Regrid.state": lambda value: Regrid(GRID, GRID).state(value),
+    "Regrid.state empty": lambda value: Regrid(GRID, GRID).state(np.ones(8), empty=value),
+    "turn": lambda value: turn(value, value, 0.0),
+    "concatenate": lambda value: fb.Floes.concatenate([value]),
+    "rotation": lambda value: fb.Floes(0.0, 0.0, 1.0, 1.0, rotation=value),
+}
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS.values(), ids=NO_NUMBERS)
+@pytest.mark.parametrize("ask", ASKED.values(), ids=ASKED)
+def test_what_is_no_number_is_refused_wherever_one_is_asked_for(ask, value):
+    with pytest.raises(InputError) as error:
+        ask(value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "value",
+    [np.eye(2), pd.Series([1.0, 2.0]), xr.DataArray([1.0, 2.0]), "two\nlines"],
+    ids=["array", "series", "data array", "text"],
+)
+def test_a_refusal_is_one_line_though_what_it_shows_takes_several(value):
+    with pytest.raises(InputError) as error:
+        fb.scatter(BOX, fb.SingleSize(50.0), concentration=value)
+    assert len(str(error.value).splitlines()) == 1
+    assert str(pickle.loads(pickle.dumps(error.value))) == str(error.value)
+
+
+@pytest.mark.parametrize("number", [Fraction(1, 2), np.longdouble(0.5), 10**30])
+def test_laws_take_the_numbers_that_their_kernels_take(number):
+    with pytest.raises(InputError, match="must be a finite number"):
+        fb.Model(BOX, fb.Floes([], [], [], []), contact=fb.frictional(friction=number))
+
+
+def test_a_column_of_a_table_gives_the_ends_of_a_grid():
+    table = pd.DataFrame({"x": [0.0, 40.0], "y": [0.0, 20.0]}, index=[7, 8])
+    grid = fb.Grid.uniform(table.x, table.y, spacing=xr.DataArray(10.0))
+    assert grid.shape == (2, 4)
+    assert fb.Grid.uniform(table.x, table.y, shape=pd.Series([2, 4], index=[7, 8])).shape == (2, 4)
+
+
+def test_floes_of_a_generator_are_all_taken():
+    groups = [fb.Floes(x, 0.0, 1.0, 1.0, rotation=x > 5.0) for x in (0.0, 10.0)]
+    floes = fb.Floes.concatenate(group for group in groups)
+    assert floes.x.tolist() == [0.0, 10.0]
+    assert floes.rotation
+
+
+def test_a_coast_is_not_taken_for_its_floes():
+    coast = from_polygons([SQUARE], radius=5.0)
+    with pytest.raises(InputError, match="must be of the kind Floes"):
+        fb.Floes.concatenate([fb.Floes(0.0, 0.0, 1.0, 1.0), coast])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e12])
+def test_land_at_places_that_are_none_is_refused(bad):
+    with pytest.raises(InputError, match=r"x\[1\]"):
+        from_land_fraction([0.0, bad], [0.0, 1.0], np.eye(2), radius=0.1)
+
+
+def test_places_of_land_under_a_mask_are_none():
+    x = np.ma.masked_array([0.0, 1.0], [False, True])
+    with pytest.raises(InputError, match=r"x\[1\]"):
+        from_land_fraction(x, [0.0, 1.0], np.eye(2), radius=0.1)
+
+
+@pytest.mark.parametrize("value", [None, "here", [1.0], {"a": 1}, np.eye(2), 3.0])
+def test_a_model_says_in_one_line_what_is_no_grid_and_no_state(value):
+    model = fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0))
+    with pytest.raises(InputError, match="must be a Grid"):
+        model.weights(value)
+    if value is not None:  # the exchange grid
+        with pytest.raises(InputError, match="must be a Grid"):
+            model.coverage(value)
+    with pytest.raises(InputError):
+        model.restore(value)
+
+
+def test_a_floe_alone_goes_on_for_as_long_as_one_wants():
+    model = fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0))
+    model.advance(1e300)
+    assert model.time == 1e300
+
+
+@pytest.mark.parametrize(
+    "times", [{"duration": 5e-324}, {"duration": 10.0, "exchange": 5e-324}], ids=str
+)
+def test_a_run_of_no_time_is_refused(times):
+    with pytest.raises(InputError):
+        fb.run(fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0)), **times)
+
+
+@pytest.mark.parametrize("span", [[[0.0], [1.0, 2.0]], "01", 5.0, (0.0, None)])
+def test_an_inflow_is_open_between_two_numbers(span):
+    with pytest.raises(InputError, match="span"):
+        fb.Model(
+            BOX,
+            fb.Floes(500.0, 500.0, 100.0, 1.0),
+            contact=fb.Contact(),
+            inflow=fb.Inflow("west", fb.SingleSize(50.0), span=span),
+        )
