@@ -467,15 +467,17 @@ def test_NaN_on_dry_cells_is_accepted_and_does_not_spread(tmp_path: Path) -> Non
         component.set_value(OCEAN[0], current)
 
 
-def test_inflow_beyond_the_capacity_fails_and_leaves_everything_as_it_was(tmp_path: Path) -> None:
-    inflow = """
+INFLOW = """
 [[inflow]]
 edge = "west"
 thickness = 1.0
 velocity = [5.0, 0.0]
 sizes = {distribution = "single", radius = 400.0}
 """
-    (tmp_path / "scene.toml").write_text(SCENE + inflow)
+
+
+def test_inflow_beyond_the_capacity_fails_and_leaves_everything_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE + INFLOW)
     probe = started(tmp_path / "scene.toml")
     n = len(probe.model.floes)
     (tmp_path / "bmi.toml").write_text(f'[bmi]\nscene = "scene.toml"\nfloe_capacity = {n}\n')
@@ -487,14 +489,7 @@ sizes = {distribution = "single", radius = 400.0}
 
 
 def test_a_state_with_fewer_floes_leaves_nothing_of_those_that_came_later(tmp_path: Path) -> None:
-    inflow = """
-[[inflow]]
-edge = "west"
-thickness = 1.0
-velocity = [5.0, 0.0]
-sizes = {distribution = "single", radius = 400.0}
-"""
-    (tmp_path / "scene.toml").write_text(SCENE + inflow)
+    (tmp_path / "scene.toml").write_text(SCENE + INFLOW)
     (tmp_path / "bmi.toml").write_text('[bmi]\nscene = "scene.toml"\nfloe_capacity = 100\n')
     component = started(tmp_path / "bmi.toml")
     n, before = len(component.model.floes), everything(component)
