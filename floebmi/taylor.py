@@ -47,7 +47,8 @@ def taylor(
     pair_buffer, _ = buffers
     done, way, since, skin = 0, 0.0, np.inf, lists.skin
     while done < steps and travelled < reach:
-        forget(p.spinning, p.force)
+        for k in range(p.force.size):
+            forget(p.spinning, p.force[k])
         if is_stale(since, way, skin):
             skin = wide_enough(lists.skin, way)
             narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,
