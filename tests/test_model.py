@@ -254,7 +254,7 @@ def test_rows_and_columns_of_another_shape_are_refused_they_would_come_to_other_
 
 
 def test_what_a_model_is_made_of_cannot_be_changed_nor_a_name_misspelt():
-    model = pair(contact=cohesive(), forces=[OceanDrag()])
+    model = pair(contact=frictional(), forces=[OceanDrag(), AirDrag()])
     for name in ("contact", "domain", "floes", "forces", "grid", "ocean", "step", "stpe"):
         with pytest.raises(AttributeError, match=f"model.{name}: cannot be set; build another"):
             setattr(model, name, None)
@@ -403,7 +403,7 @@ def test_who_holds_the_floes_holds_those_of_the_model_after_a_restart():
 
 
 def test_no_time_changes_nothing_and_any_time_is_met_exactly():
-    model = pair(contact=frictional(), forces=[OceanDrag()])
+    model = pair(contact=frictional(), forces=[OceanDrag(), AirDrag()])
     before = model.state()
     model.advance(0.0)
     assert all(np.array_equal(before[key], value) for key, value in model.state().items())
@@ -437,7 +437,7 @@ def test_edits_between_exchanges_are_an_account_of_their_own():
 
 def test_to_look_between_exchanges_changes_no_bit_of_what_follows():
     def run(looks):
-        model = pair(contact=cohesive(), forces=[OceanDrag(), AirDrag()])
+        model = pair(contact=frictional(), forces=[OceanDrag(), AirDrag()])
         model.ocean.u[:] = 0.3
         for _ in range(4):
             model.advance(3.0)
