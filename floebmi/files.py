@@ -4,13 +4,13 @@ import contextlib
 import errno
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import platformdirs
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, choose
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
@@ -42,6 +42,13 @@ def check_folder(path: Path) -> None:
     """InputError if there is no folder to make the file in."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}")
+
+
+def check_kind(path: Path, kinds: Sequence[str]) -> None:
+    """InputError for a file of another kind than those, or in a folder that is not there."""
+    if path.suffix not in kinds:
+        raise InputError(f"{path}: {choose(path.suffix, kinds)}")
+    check_folder(path)
 
 
 def check_target(path: Path, overwrite: bool) -> None:

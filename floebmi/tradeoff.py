@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from floebmi import ensemble
+from floebmi.canvas import LINES, plain_numbers
 from floebmi.ensemble import Output
 from floebmi.errors import InputError
 from floebmi.files import contents
@@ -30,6 +31,7 @@ from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
 from floebmi.output import FILE_VERSION, open_file
 from floebmi.pairs import wrap
+from floebmi.plot import graph
 from floebmi.running import Forcing
 from floebmi.scene import Built, Scene, Schedule, read_scene
 from floebmi.vorticity import gradient_operators
@@ -68,10 +70,10 @@ OUTPUTS = {
     "cost_per_day": Output((), "s", "of a processor for a simulated day"),
 }
 SUFFIX = ".tradeoff.nc"
-FRONT, OTHERS = "#D55E00", "#0072B2"
+FRONT, OTHERS = LINES[1], LINES[0]
 RING = 11.0  # points across, with the number of a setting in it
 GRAPH_WIDTH = 5.6  # of a figure, beside its list of settings [inches]
-LETTERS_PER_INCH = 17.0  # about, in that list
+LIST_LETTERS_PER_INCH = 17.0  # about: they are smaller than those of labels
 
 
 class Measured(NamedTuple):
@@ -545,8 +547,6 @@ def _with_noise(one: "xr.Dataset") -> str:
 
 def figure(data: "xr.Dataset", title: str) -> "Figure":
     """Error against cost of each setting, with the front."""
-    from floebmi import plot
-
     of, on_front = data.attrs["of"], front(data)
     here = data.sel(quantity=of)
     here = here.isel(setting=np.argsort(here.cost_per_day.values))
@@ -556,8 +556,8 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
         for s in here.setting.values
     ]
     letters = max((len(line) for text in words for line in text.splitlines()), default=0)
-    column = 0.6 + letters / LETTERS_PER_INCH
-    with plot.graph(GRAPH_WIDTH + column, 4.6) as drawn:
+    column = 0.6 + letters / LIST_LETTERS_PER_INCH
+    with graph(GRAPH_WIDTH + column, 4.6) as drawn:
         drawn.dpi = 160
         ax, names = drawn.subplots(1, 2, width_ratios=(GRAPH_WIDTH, column))
         line = [s for s in on_front if s in here.setting.values]
@@ -583,8 +583,8 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
             xscale="log", yscale="log", title=title, xlabel="seconds of a processor for a simulated day",
             ylabel=f"error of {of} [1]\n({COMPARED[of]})",
         )  # fmt: skip
-        plot.plain_numbers(ax.xaxis)
-        plot.plain_numbers(ax.yaxis)
+        plain_numbers(ax.xaxis)
+        plain_numbers(ax.yaxis)
         ax.legend(loc="best", fontsize=7)
         _draw_marks(ax)
     return drawn

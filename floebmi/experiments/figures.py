@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from floebmi import plot
+from floebmi.canvas import INK, LAND, LINES, WATER, blank, in_style, plain_numbers, save
+from floebmi.drawing import draw_circles
 from floebmi.ensemble import Failure
 from floebmi.errors import InputError
 from floebmi.experiments import campaign, shear, statistics, strait
@@ -34,7 +35,8 @@ COHESIVE = {"friction": (0.0,), "tensile_strength": (200e3,)}
 NEITHER = {"friction": (0.0,), "tensile_strength": (0.0,)}
 TWO = {"frictional": FRICTIONAL, "cohesive": COHESIVE}
 THREE = {**TWO, "neither": NEITHER}
-COLOURS = {"frictional": "#0072B2", "cohesive": "#D55E00", "neither": "#6b6b6b"}
+COLOURS = {"frictional": LINES[0], "cohesive": LINES[1], "neither": LINES[-1]}
+OUTLINED: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.3, "zorder": 2}  # floes on a map
 KPA, KM, HOUR = 1e3, 1e3, 3600.0
 
 
@@ -86,8 +88,6 @@ def make_figure(
     to : the picture; default: figure-N.png.  The files of the runs go beside it
     how : jobs, on, progress: see `ensemble.run`
     """
-    import matplotlib
-
     if kind is not KINDS[number]:
         right = KINDS[number].__name__.lower()
         raise InputError(f"figure {number}: is of the other experiment; floebmi experiment {right}")
@@ -96,24 +96,22 @@ def make_figure(
         raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
     check_folder(to)
     maps = number in (1, 2, 5)  # drawn on water; graphs on white
-    with matplotlib.rc_context(plot.style() | ({} if maps else {"axes.facecolor": "white"})):
+    with in_style(WATER if maps else "white"):
         if maps:
             one = _single(kind, values, number)
             figure = {1: _shear_cell, 2: _strait_map, 5: _strait_in_time}[number](one, seeds[0])
             drawn = Drawn(figure, [], [], "")
         else:
             drawn = _from_ensembles(number, kind, values, seeds, to, how)
-        plot.save(drawn.figure, to)
+        save(drawn.figure, to)
     return drawn._replace(files=[*drawn.files, to])
 
 
 def _panels(
     width: float, height: float, rows: int = 1, columns: int = 1, **how: Any
 ) -> tuple["Figure", Any]:
-    """A figure of width × height inches, and its axes; without pyplot, as all of `plot`."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), dpi=160, layout="constrained")
+    """A figure of width × height inches, and its axes."""
+    figure = blank(width, height, dpi=160)
     return figure, figure.subplots(rows, columns, **how)
 
 
@@ -166,12 +164,12 @@ def _shear_cell(p: Shear, seed: int) -> "Figure":
     time = 0.25 * p.duration
     for ax, title in zip(axes, ("consolidated", f"after {time:g} s of shear"), strict=True):
         f = cell.model.floes
-        colours = np.where(cell.standing, "#9a9a9a", np.where(cell.driven, "#E69F00", "#ffffff"))
+        colours = np.where(cell.standing, "#9a9a9a", np.where(cell.driven, LINES[4], "#ffffff"))
         wall = float(cell.model.wall_positions[0])
         for shift in (-cell.length, 0.0, cell.length):
-            _discs(ax, f.x + shift, f.y, f.radius, colours, 1.0)
+            draw_circles(ax, f.x + shift, f.y, f.radius, 1.0, facecolor=colours, **OUTLINED)
             chains(ax, cell.model, 1.0, shift)
-        ax.axhline(wall, color=plot.INK, lw=2.5)
+        ax.axhline(wall, color=INK, lw=2.5)
         ax.set(
             title=title,
             xlabel="x [m]",
@@ -274,7 +272,7 @@ def _strait_map(p: Strait, seed: int) -> "Figure":
     moving = np.hypot(u, v) > 0.03 * p.current  # slower ones would be dots
     # an arrow's middle is its place: those of the outlet reach down to the edge, and not beyond
     arrows = ax.quiver(
-        x[moving], y[moving], u[moving], v[moving], color="#0072B2", scale=15 * p.current + 1e-9,
+        x[moving], y[moving], u[moving], v[moving], color=LINES[0], scale=15 * p.current + 1e-9,
         width=0.003, pivot="mid", minlength=0.5, zorder=4,
     )  # fmt: skip
     ax.quiverkey(arrows, 0.88, 0.08, p.current, f"current {p.current:g} m/s", labelpos="N")
@@ -316,28 +314,15 @@ def _snapshot(ax: "Axes", model: Any, p: Strait, title: str) -> None:
 
 def _funnel(ax: "Axes", model: Any, p: Strait) -> None:
     for ring in strait.walls(p).polygons:
-        ax.fill(*ring.T / KM, color=plot.LAND, lw=0, zorder=1)
+        ax.fill(*ring.T / KM, color=LAND, lw=0, zorder=1)
     f = model.floes
     here = f.active
-    colours = np.where(f.land, plot.LAND, "#ffffff")[here]
-    _discs(ax, f.x[here], f.y[here], f.radius[here], colours, KM)
+    colours = np.where(f.land, LAND, "#ffffff")[here]
+    draw_circles(ax, f.x[here], f.y[here], f.radius[here], KM, facecolor=colours, **OUTLINED)
     d = model.domain
     ax.set(
         xlabel="x [km]", ylabel="y [km]", aspect="equal",
         xlim=(d.x[0] / KM, d.x[1] / KM), ylim=(d.y[0] / KM, d.y[1] / KM),
-    )  # fmt: skip
-
-
-def _discs(ax: "Axes", x: np.ndarray, y: np.ndarray, radius: np.ndarray, colours: np.ndarray, unit: float) -> None:  # fmt: skip
-    from matplotlib.collections import EllipseCollection
-
-    ax.add_collection(
-        EllipseCollection(
-            2 * radius / unit, 2 * radius / unit, np.zeros(len(x)), units="xy",
-            offsets=np.stack([x, y], axis=1) / unit, offset_transform=ax.transData,
-            facecolor=colours, edgecolor=plot.INK, linewidth=0.3, zorder=2,
-        ),
-        autolim=False,
     )  # fmt: skip
 
 
@@ -356,7 +341,7 @@ def chains(ax: "Axes", model: Any, unit: float, shift: float = 0.0) -> None:
     ends = np.stack([start, start + np.stack([c.dx, c.dy], axis=1)], axis=1) / unit
     strong = np.quantile(force, 0.95)
     width = 2.6 * np.minimum(force / strong, 1.5) if strong > 0 else force
-    colours = np.where(c.overlap < 0, "#CC3311", plot.INK)
+    colours = np.where(c.overlap < 0, "#CC3311", INK)
     ax.add_collection(
         LineCollection(ends, linewidths=width, colors=colours, zorder=3, capstyle="round"),
         autolim=False,
@@ -406,7 +391,7 @@ def _survival(ax: "Axes", one: "xr.Dataset", colour: Any) -> None:
 
 def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
     """T with its interval; arrows are lower bounds where no run jammed; crosses the fit as in the paper."""
-    x, colour = one[sweep.name].values / sweep.unit, plot.LINES[0]  # one legend is of all models
+    x, colour = one[sweep.name].values / sweep.unit, LINES[0]  # one legend is of all models
     T, fit = one.jamming_timescale.values / HOUR, one.jamming_timescale_fit.values / HOUR
     low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in ("low", "high"))
     some = np.isfinite(T)
@@ -418,6 +403,6 @@ def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
     fitted = np.isfinite(fit) & (fit > 0)
     if fitted.any():
         error = one.jamming_timescale_fit_deviation.values[fitted] / HOUR
-        ax.errorbar(x[fitted], fit[fitted], error, fmt="x", color=plot.INK, ms=5, capsize=2, lw=0.8, label="least squares, as the paper")  # fmt: skip
+        ax.errorbar(x[fitted], fit[fitted], error, fmt="x", color=INK, ms=5, capsize=2, lw=0.8, label="least squares, as the paper")  # fmt: skip
     ax.set(xlabel=sweep.label, ylabel="time until it jams $T$ [h]", yscale="log")
-    plot.plain_numbers(ax.yaxis)
+    plain_numbers(ax.yaxis)
