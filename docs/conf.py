@@ -207,7 +207,7 @@ def sections(app, what, name, obj, options, lines):
             made += ["", f".. rubric:: {line}", ""]
         elif line and set(line) == {"-"} and lines[k - 1] in SECTIONS:
             continue
-        elif section in ("Parameters", "Attributes") and (found := DEFINED.match(line)):
+        elif section in (None, "Parameters", "Attributes") and (found := DEFINED.match(line)):
             made += [f"``{found[1]}``", f"    {BAR.sub(ESCAPED, found[2])}"]
         else:
             made.append(line if line.lstrip().startswith(">>>") else BAR.sub(ESCAPED, line))
