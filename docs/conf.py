@@ -39,6 +39,7 @@ myst_heading_anchors = 3
 
 # Hosts are heavy, and not needed to read about them.
 autodoc_mock_imports = ["landlab", "veros", "yac", "grpc4bmi"]
+autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # the docstrings say shapes and units
 suppress_warnings = ["config.cache"]  # the gallery takes a function
