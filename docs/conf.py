@@ -32,11 +32,14 @@ extensions = [
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"floebmi {release}"
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 # Hosts are heavy, and not needed to read about them.
 autodoc_mock_imports = ["landlab", "veros", "yac", "grpc4bmi"]
+autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints = "none"  # the docstrings say shapes and units
 suppress_warnings = ["config.cache"]  # the gallery takes a function
@@ -104,13 +107,20 @@ def keys_page():
         "",
         "Made from the declarations that read the file; `floebmi scene --keys` prints the same. SI units (m, s, m/s, Pa,"
         " kg/m³), angles on the globe in degrees. Where a key has no default and is not required, leaving it out leaves out what it stands for, or takes what its meaning says.",
+        "",
+        "Where a table may be of several kinds, each kind has a heading of its own, with the word that picks it.",
     ]
     above = None
     for table, key, default, text in tables.keys(scene.Scene):
-        if table != above:
-            lines += ["", f"## `[{table}]`" if table else "## At the top", ""]
+        picks = default.startswith("= ")
+        if table != above or picks:
+            word = f" {key} {default}" if picks else ""
+            lines += ["", f"## `[{table}]{word}`" if table else "## At the top", ""]
+            lines += [text, ""] if picks else []
             lines += ["| key | default | meaning |", "|---|---|---|"]
             above = table
+        if picks:
+            continue
         told = f"`{default}`" if default not in ("", "required") else default
         lines.append(f"| `{key}` | {told} | {_cell(text)} |")
     return lines
@@ -134,7 +144,7 @@ def variables_page():
                 "",
                 f"  BMI `{row.csdms}`{cf}",
             ]
-            lines += ["", f"  {who[row.intent]}; on {where}; means something {row.valid}"]
+            lines += ["", f"  {who[row.intent]}; on {where}; valid {row.valid}"]
     return lines
 
 
@@ -181,6 +191,11 @@ write_pages()
 SECTIONS = {"Parameters", "Attributes", "Returns", "Raises", "Warns", "Examples", "Notes"}
 BAR, ESCAPED = re.compile(r"\|(?=(?:[^`]*`[^`]*`)*[^`]*$)"), r"\\|"  # outside `code`
 DEFINED = re.compile(r"(\w[\w, *()]*) : (.+)")
+REFERENCE = (Path(__file__).parent / "reference" / "api.md").read_text(encoding="utf-8")
+LINKED = {
+    path.rpartition(".")[2]: path for path in re.findall(r":: (floebmi\.\w+\.\w+)\n", REFERENCE)
+}
+NAME = re.compile(r"(?<!`)`([A-Z]\w+)`(?!`)")  # a class, in the text of another
 
 
 def sections(app, what, name, obj, options, lines):
@@ -193,11 +208,18 @@ def sections(app, what, name, obj, options, lines):
             made += ["", f".. rubric:: {line}", ""]
         elif line and set(line) == {"-"} and lines[k - 1] in SECTIONS:
             continue
-        elif section in ("Parameters", "Attributes") and (found := DEFINED.match(line)):
+        elif section in (None, "Parameters", "Attributes") and (found := DEFINED.match(line)):
             made += [f"``{found[1]}``", f"    {BAR.sub(ESCAPED, found[2])}"]
         else:
             made.append(line if line.lstrip().startswith(">>>") else BAR.sub(ESCAPED, line))
+    made = [NAME.sub(lambda found: _link(found[1], name), line) for line in made]
     lines[:] = _formulas(made) if what == "module" else made
+
+
+def _link(word, here):
+    """A class that the reference has, as a link to it."""
+    known = word in LINKED and LINKED[word] != here
+    return f":py:obj:`{word} <{LINKED[word]}>`" if known else f"`{word}`"
 
 
 def _formulas(lines):

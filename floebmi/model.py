@@ -155,7 +155,7 @@ class Model:
     contact : a contact law, or None for free drift
     forces : laws of drag and other forces; their order does not matter
     grid : exchange grid; needed with drag, tilt or a Coriolis field. Default: one cell on the domain
-    walls, inflow : see `boundaries`
+    walls, inflow : lists of `Wall`, which push the ice, and of `Inflow`, where new floes come in
     step : how time is stepped
     sampling : "overlap" (exact areas) or "centre" (the paper's bilinear) for floe-grid weights
     ice_density : ρ_ice [kg/m³]

@@ -150,17 +150,25 @@ def _tag(word: object) -> str:
 def keys(
     table: Any, path: str = "", seen: set[tuple[str, Any]] | None = None
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Each key of a declaration once: (table, key, default, description); sub-tables after their table."""
+    """Each key of a declaration once: (table, key, default, description); sub-tables after their table.
+
+    Where several declarations may stand at one place, each begins with the word that picks it: its default is `= "word"`.
+    """
     seen = set() if seen is None else seen
     inner: list[tuple[str, Any]] = []
-    for name, hint in _hints(table).items():
+    for name, hint in sorted(_hints(table).items(), key=lambda item: not _picks(item[1])):
         default, text = _default(table, name)
-        yield path, name, default, text
+        yield path, name, f"= {default}" if _picks(hint) else default, text
         inner += [(f"{path}.{name}".strip("."), sub) for sub in _tables_in(hint)]
     for place in inner:
         if place not in seen:
             seen.add(place)
             yield from keys(place[1], place[0], seen)
+
+
+def _picks(hint: Any) -> bool:
+    """Whether a key is there to pick its table among several: it may be one word only."""
+    return get_origin(hint) is Literal and len(get_args(hint)) == 1
 
 
 def _default(table: Any, name: str) -> tuple[str, str]:

@@ -311,8 +311,10 @@ def a_scene_in_a_folder():
     copy_scene("periodic-box", Path("FOLDER/scene.toml"))
 
 
-def all_but_the_law_that_the_page_makes():
-    return {name: one for name, one in vars(contact).items() if name != "Damsgaard2018Coulomb"}
+def all_but_the_laws_that_the_page_makes():
+    made = {"Damsgaard2018Coulomb", "BodyForce"}
+    known = vars(forces) | vars(contact)
+    return {name: one for name, one in known.items() if name not in made}
 
 
 GIVEN = {
@@ -320,8 +322,7 @@ GIVEN = {
     "docs/couple.md": a_host,
     "docs/hosts/any-bmi-host.md": an_ocean_in_another_process,
     "docs/hosts/veros.md": a_setup_of_veros,
-    "docs/howto/add-a-contact-law.md": all_but_the_law_that_the_page_makes,
-    "docs/howto/add-a-force.md": lambda: dict(vars(forces)),
+    "docs/howto/add-a-law.md": all_but_the_laws_that_the_page_makes,
     "docs/tutorials/landlab.md": dict,
     "docs/tutorials/namelist.md": dict,
 }
@@ -405,20 +406,23 @@ def test_the_first_script_of_a_page_is_short(page, longest):
 # ---- a law of one's own ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "page, module, law", [("contact-law", contact, "Damsgaard2018Coulomb"), ("force", forces, "BodyForce")]
-)  # fmt: skip
-def test_the_code_that_a_how_to_shows_is_the_packages_own_and_all_of_it(page, module, law):
+def shown(law):
+    """The code of a law of the package, as the how-to shows it."""
+    (code,) = (one for one in blocks("docs/howto/add-a-law.md", "python") if f"class {law}(" in one)
+    return code
+
+
+@pytest.mark.parametrize("module, law", [(contact, "Damsgaard2018Coulomb"), (forces, "BodyForce")])
+def test_the_code_that_a_how_to_shows_is_the_packages_own_and_all_of_it(module, law):
     source = inspect.getsource(module)
-    shown = "\n\n\n".join(blocks(f"docs/howto/add-a-{page}.md", "python")).strip()
-    for one in re.split("\n\n\n+", shown):
+    for one in re.split("\n\n\n+", shown(law).strip()):
         assert one in source, one
     registered = re.compile(rf"^def _\(\w+: {law},", re.M)
-    assert len(registered.findall(shown)) == len(registered.findall(source)) >= 1
+    assert len(registered.findall(shown(law))) == len(registered.findall(source)) >= 1
 
 
 OF_ONES_OWN = {
-    "contact-law": """
+    ("contact", "Damsgaard2018Coulomb"): """
 import floebmi as fb
 
 def ends(law):
@@ -431,7 +435,7 @@ def ends(law):
 assert ends(Damsgaard2018Coulomb()) == ends(fb.Damsgaard2018Coulomb())
 assert ends(Damsgaard2018Coulomb()) != ends(fb.Coulomb())
 """,
-    "force": """
+    ("forces", "BodyForce"): """
 import floebmi as fb
 
 ACCOUNTS[BodyForce] = "body force"
@@ -445,12 +449,11 @@ assert model.ledger.accounts["body force"][1] > 0
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", OF_ONES_OWN)
-def test_what_a_how_to_adds_runs_as_a_law_of_ones_own(page, tmp_path):
-    module = {"contact-law": "contact", "force": "forces"}[page]
-    shown = "\n".join(blocks(f"docs/howto/add-a-{page}.md", "python"))
+@pytest.mark.parametrize("module, law", OF_ONES_OWN)
+def test_what_a_how_to_adds_runs_as_a_law_of_ones_own(module, law, tmp_path):
     script = tmp_path / "script.py"
-    script.write_text(f"from floebmi.{module} import *\n{shown}{OF_ONES_OWN[page]}", "utf-8")
+    checks = OF_ONES_OWN[module, law]
+    script.write_text(f"from floebmi.{module} import *\n{shown(law)}{checks}", "utf-8")
     apart = ENVIRONMENT | {"FLOEBMI_CACHE": str(tmp_path)}  # nothing of it stays
     done = subprocess.run([sys.executable, script], env=apart, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -940,6 +940,14 @@ def test_every_key_of_a_scene_is_described():
     assert [f"{table}.{key}" for table, key, _, text in rows if not text] == []
 
 
+def test_the_keys_of_each_kind_of_table_begin_with_the_word_that_picks_it():
+    rows = list(keys(Scene))
+    kinds = [k for k, row in enumerate(rows) if row[:3] == ("floes", "arrangement", '= "regular"')]
+    assert len(kinds) == 1
+    assert [rows[kinds[0] - 1][0], rows[kinds[0] + 1][:2]] == ["floes.size", ("floes", "velocity")]
+    assert ("grid", "kind", '= "curvilinear"') in [row[:3] for row in rows]
+
+
 def test_a_scene_tells_the_thickness_of_the_hosts_layer():
     model = read_scene("periodic-box", ["ocean.layer_thickness=5"]).build().model
     assert model.ocean.layer_thickness == 5.0
