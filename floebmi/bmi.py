@@ -36,7 +36,7 @@ This module imports little, so that `floebmi.FloeBmi` can be there as soon as th
 
 import sys
 from collections.abc import Callable
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -192,6 +192,16 @@ class _Running:
 
         If it fails, all is as before.
         """
+        with self.alone("update"):
+            self._advance(until)
+
+    def alone(self, call: str) -> AbstractContextManager[None]:
+        """No other thread at the model meanwhile; InputError if one is already."""
+        from floebmi.alone import alone
+
+        return alone(self.model, call)
+
+    def _advance(self, until: float) -> None:
         rest = until - self.model.time
         count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
         # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
@@ -249,8 +259,9 @@ class _Running:
     def array(self, name: str) -> np.ndarray:
         """The array of a variable; an output is kept up to date from the time that it is asked for."""
         if name not in self.asked:
-            self._write(name)
-            self.asked.add(name)
+            with self.alone(name):  # an update in another thread goes through what was asked for
+                self._write(name)
+                self.asked.add(name)
         return self.values[name]
 
     def _write(self, name: str) -> None:
@@ -287,7 +298,7 @@ class _Running:
         if set(state) != {"model", "mean", "driven_by_scene"}:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
         refuse_other_start(self.start, self.calendar, told)
-        with self.unchanged_on_failure():
+        with self.alone("load_state"), self.unchanged_on_failure():
             self.model.restore(state["model"])
             if self.capacity:
                 _check_capacity(self.model.floes, self.capacity)

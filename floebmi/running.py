@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
+from floebmi.alone import alone, refuse_another
 from floebmi.errors import InputError, in_line
 from floebmi.meter import meter
 from floebmi.quantities import is_number
@@ -182,7 +183,7 @@ def run(
     ------
     InputError
         for a duration or an interval that cannot be, a file that exists or is named twice, forcing that does not reach,
-        or that was made for other cells.
+        for one that was made for other cells, and while another thread is at work on the model.
     StabilityError
         if floes leave what the step resolves.
 
@@ -202,6 +203,7 @@ def run(
 
     if not isinstance(model, Model):
         raise InputError(f"run: model = {in_line(model)}: must be a Model")
+    refuse_another(model, "run")
     total = _positive("duration", duration)
     every = _positive("every", total / 20 if every is None else every)
     exchange = every if exchange is None else _positive("exchange", exchange)
@@ -220,6 +222,7 @@ def run(
     if reference is not None:
         of_state |= {"start": text_of(reference), "calendar": calendar}
     with contextlib.ExitStack() as stack:
+        stack.enter_context(alone(model, "run"))
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(
             _Frames(
