@@ -139,7 +139,9 @@ def _fit_strait(data: "xr.Dataset") -> None:
     )
     start = np.where(end > start, start, np.nan)  # too short a run says nothing
     likely = [statistics.timescale(*one) for one in zip(jam, start, end, strict=True)]
-    fitted = [statistics.fit_survival(one) for one in jam]
+    fitted = [
+        statistics.fit_survival(one[np.isfinite(s)]) for one, s in zip(jam, start, strict=True)
+    ]
 
     def put(name: str, values: Sequence[float], what: str, unit: str = "s") -> None:
         values = np.array(values, float).reshape(shape)
