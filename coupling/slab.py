@@ -42,6 +42,7 @@ from typing import final
 import numpy as np
 from bmipy import Bmi
 
+from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.errors import InputError, choose
 from floebmi.grid import Grid
 from floebmi.quantities import NonNegative, Positive
@@ -265,15 +266,14 @@ class TwoSlabOcean(Bmi):
         return self._settings.time.step
 
     def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
-        dest[:] = self._array(name)
-        return dest
+        return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
         return self._array(name)
 
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
-        dest[:] = self._array(name)[inds]
-        return dest
+        values = self._array(name)
+        return copied(values[indices_of(name, inds, values.size)], dest, name)
 
     def set_value(self, name: str, src: np.ndarray) -> None:
         self.set_value_at_indices(name, np.arange(self._array(name).size), src)
@@ -282,9 +282,8 @@ class TwoSlabOcean(Bmi):
         array = self._array(name)
         if name not in INPUTS:
             raise InputError(f"{name}: an output; inputs are {', '.join(INPUTS)}")
-        values, inds = np.asarray(src, np.float64).ravel(), np.asarray(inds).ravel()
-        if values.size != inds.size:
-            raise InputError(f"{name}: {values.size} values for {inds.size} cells")
+        inds = indices_of(name, inds, array.size)
+        values = numbers_of(name, src, inds.size).ravel()
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise InputError(
@@ -304,29 +303,25 @@ class TwoSlabOcean(Bmi):
         return 1 if self.get_grid_type(grid) == "scalar" else self._cells(grid).size
 
     def get_grid_shape(self, grid: int, shape: np.ndarray) -> np.ndarray:
-        shape[:] = self._cells(grid).shape
-        return shape
+        return copied(np.array(self._cells(grid).shape), shape, f"grid {grid}: shape")
 
     def get_grid_spacing(self, grid: int, spacing: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
         west, east, south, north = cells.bounds
-        spacing[:] = (north - south) / cells.shape[0], (east - west) / cells.shape[1]
-        return spacing
+        sides = np.array([(north - south) / cells.shape[0], (east - west) / cells.shape[1]])
+        return copied(sides, spacing, f"grid {grid}: spacing")
 
     def get_grid_origin(self, grid: int, origin: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
-        origin[:] = cells.y[0], cells.x[0]
-        return origin
+        return copied(np.array([cells.y[0], cells.x[0]]), origin, f"grid {grid}: origin")
 
     def get_grid_x(self, grid: int, x: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
-        x[:] = cells.x[: cells.shape[1]]
-        return x
+        return copied(cells.x[: cells.shape[1]], x, f"grid {grid}: x")
 
     def get_grid_y(self, grid: int, y: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
-        y[:] = cells.y[:: cells.shape[1]]
-        return y
+        return copied(cells.y[:: cells.shape[1]], y, f"grid {grid}: y")
 
     def get_grid_z(self, grid: int, z: np.ndarray) -> np.ndarray:
         raise NotImplementedError("get_grid_z: the grids are two-dimensional")

@@ -45,10 +45,11 @@ import numpy as np
 from bmipy import Bmi
 
 from floebmi import variables
+from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.bmi_layout import Layout, layout_of
 from floebmi.bmi_totals import SCALARS, Scalar
 from floebmi.errors import InputError, choose
-from floebmi.quantities import flat, is_number, unmasked
+from floebmi.quantities import flat, is_number
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
 if TYPE_CHECKING:
@@ -486,7 +487,7 @@ class FloeBmi(Bmi):
 
     def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
         """Copy the values into `dest`, flat or of any shape of the same size; returns it."""
-        return _copy(self._array(name), dest, name)
+        return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
         """The array itself: right after every update, until `finalize`."""
@@ -495,12 +496,12 @@ class FloeBmi(Bmi):
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
         """Copy single values into `dest`; returns it."""
         values = self._array(name)
-        return _copy(values[_indices(name, inds, values.size)], dest, name)
+        return copied(values[indices_of(name, inds, values.size)], dest, name)
 
     def set_value(self, name: str, src: np.ndarray) -> None:
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
         row, values = self._input(name)
-        given = flat(name, _numbers(name, src, values.size), self._now("set_value").shape_of(row))
+        given = flat(name, numbers_of(name, src, values.size), self._now("set_value").shape_of(row))
         self._refuse_not_finite(row, given, None)
         values[:] = given
         self._now("set_value").taken_over(row)
@@ -508,8 +509,8 @@ class FloeBmi(Bmi):
     def set_value_at_indices(self, name: str, inds: np.ndarray, src: np.ndarray) -> None:
         """Set an input in some cells."""
         row, values = self._input(name)
-        inds = _indices(name, inds, values.size)
-        given = _numbers(name, src, inds.size).ravel()
+        inds = indices_of(name, inds, values.size)
+        given = numbers_of(name, src, inds.size).ravel()
         self._refuse_not_finite(row, given, inds)
         values[inds] = given
         self._now("set_value_at_indices").taken_over(row)
@@ -639,7 +640,7 @@ class FloeBmi(Bmi):
         return part
 
     def _fill(self, grid: int, name: str, buffer: np.ndarray) -> np.ndarray:
-        return _copy(self._part(grid, name), buffer, f"grid {grid}: {name}")
+        return copied(self._part(grid, name), buffer, f"grid {grid}: {name}")
 
 
 # ---- small steps ------------------------------------------------------------------------------
@@ -680,41 +681,3 @@ def _check_capacity(floes: "Floes", capacity: int) -> None:
         raise InputError(
             f"[bmi] floe_capacity = {capacity}: there are {len(floes)} floes; must be at least that"
         )
-
-
-def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
-    """Write into the caller's own buffer, whatever its real type, and return it."""
-    if not isinstance(dest, np.ndarray):
-        raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
-    if dest.size != values.size:
-        raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
-    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # whole numbers would come round
-    if short or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
-        raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
-    if not dest.flags.writeable:
-        raise InputError(f"{what}: the buffer is read-only; must be writable")
-    np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
-    return dest
-
-
-def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
-    """The host's numbers as float64."""
-    given = np.asarray(src)
-    if given.dtype.kind not in "fiub":
-        raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
-    if given.size != size:
-        raise InputError(f"{name}: {given.size} values; must be {size}")
-    return unmasked(src)
-
-
-def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:
-    if np.ma.is_masked(inds):
-        raise InputError(f"{name}: masked indices; must be integers from 0 to {size - 1}")
-    inds = np.asarray(inds)
-    if inds.size and inds.dtype.kind not in "iu":
-        raise InputError(f"{name}: indices of type {inds.dtype}; must be integers")
-    inds = inds.ravel()
-    wrong = (inds < 0) | (inds >= size)
-    if wrong.any():
-        raise InputError(f"{name}: index {inds[wrong][0]}: must be from 0 to {size - 1}")
-    return inds.astype(np.int64)
