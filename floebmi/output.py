@@ -7,7 +7,8 @@ the run goes on, HDF5 locks the file: set HDF5_USE_FILE_LOCKING=FALSE to look at
 `floebmi.plot` does without.)
 
 Stress in a file is the mean since the last frame, by the difference of the running impulse, so Σ τ A Δt
-over the frames is the impulse, whatever the frames and the exchange intervals are.  What a single
+over the frames is the impulse, whatever the frames and the exchange intervals are; per ice area, the same over the area
+of ice at the frame's time.  What a single
 instant has, is that of the frame's time; `cell_methods` tells which is which.
 
 All numbers are stored as float64.  Missing values are NaN: dry cells, properties of ice where there is no
@@ -56,6 +57,10 @@ if TYPE_CHECKING:
     from floebmi.grid import Grid
     from floebmi.model import Model
 
+# the stress per ice area, and that per cell area which is the same impulse
+PER_ICE_AREA = {
+    f"ocean_stress_per_ice_area_{axis.letter}": f"ocean_stress_{axis.letter}" for axis in AXES
+}
 FILE_VERSION = 1
 RESTART_VERSION = 1
 
@@ -429,15 +434,21 @@ def _mean_stresses(
     now: tuple[float, dict[str, np.ndarray]],
     rows: list[Variable],
 ) -> dict[str, np.ndarray]:
-    """Mean stress since the last frame [Pa]; NaN if no time has passed."""
+    """Mean stress since the last frame [Pa]; NaN if no time has passed.
+
+    Per ice area it is that mean over the area of ice now, so that with the concentration of the same frame it gives the
+    stress per cell area, as for a host (docs/couple.md).
+    """
     span = now[0] - before[0]
-    return {
-        row.name: (now[1][row.name] - before[1][row.name]) / (_grid_of(model, row).area * span)
-        if span > 0.0
-        else np.full(_grid_of(model, row).size, np.nan)
-        for row in rows
-        if row.name in now[1]
-    }
+    means = {}
+    for row in rows:
+        name, over = row.name, 1.0 / _grid_of(model, row).area
+        if name in PER_ICE_AREA:
+            name, over = PER_ICE_AREA[name], model.over_ice_area()
+        if name in now[1]:
+            given = (now[1][name] - before[1][name]) * over
+            means[row.name] = given / span if span > 0.0 else np.full(given.size, np.nan)
+    return means
 
 
 def _contact_sums(model: "Model") -> dict[str, np.ndarray]:

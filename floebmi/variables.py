@@ -92,7 +92,7 @@ _RUNNING = "from the start, where it is 0; never reset"
 # in a file: the mean since the last frame; of the ice alone, what open water gets is not in it
 _OVER_FRAMES = "area: mean where sea_ice over all_area_types time: mean"
 _OVER_EXCHANGE = "area: mean time: mean (over the last exchange interval)"
-_OVER_ICE = "area: mean where sea_ice time: mean (over the last exchange interval)"
+_OVER_ICE = "area: mean where sea_ice time: mean (comment: over the area of ice at the end)"
 _ICE_MEAN = "area: mean where sea_ice time: point"
 
 
