@@ -49,7 +49,7 @@ import numpy as np
 
 from floebmi.arrays import digest
 from floebmi.errors import InputError, choose
-from floebmi.files import check_target, in_one_go, new_file
+from floebmi.files import attributes_of, check_target, in_one_go, new_file
 from floebmi.grid import Grid, check_grid
 from floebmi.projection import to_plane
 from floebmi.quantities import flat, is_number, unmasked
@@ -306,7 +306,8 @@ class Regrid:
         path = Path(path)
         check_target(path, overwrite=True)
         with in_one_go(path) as part, new_file(part) as file:
-            file.title = "weights of conservative regridding, laid out as those of ESMF"
+            told = attributes_of("weights of conservative regridding, laid out as those of ESMF")
+            file.setncatts({name: told[name] for name in ("title", "source", "history")})  # no CF
             file.format = FORMAT
             file.map_method = "first-order conservative"
             file.normalization = "destarea"

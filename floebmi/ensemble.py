@@ -31,7 +31,7 @@ import numpy as np
 
 from floebmi import __version__
 from floebmi.errors import InputError
-from floebmi.files import in_one_go
+from floebmi.files import attributes_of, in_one_go
 from floebmi.meter import meter, say
 
 if TYPE_CHECKING:
@@ -233,7 +233,8 @@ def gather(
 
 
 def save(data: "xr.Dataset", path: str | Path) -> None:
-    """Write a data set as NetCDF, whole or not at all."""
+    """Write a data set as NetCDF, whole or not at all; what it is of (`title`) and when it was made stand in the file."""
+    data = data.assign_attrs(attributes_of("an ensemble of runs") | data.attrs)
     # CF has no missing values in coordinates; xarray would declare one for each of floats
     encoding = {name: {"_FillValue": None} for name in data.coords}
     with in_one_go(Path(path)) as part:

@@ -1,6 +1,7 @@
 """Files that are whole or not there: made under another name, which becomes the wanted one at the end."""
 
 import contextlib
+import datetime
 import errno
 import hashlib
 import os
@@ -10,10 +11,23 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
+from floebmi import __version__
 from floebmi.errors import InputError
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
+
+
+def attributes_of(title: str) -> dict[str, str]:
+    """Global attributes that each NetCDF file of results has: what it is, and what made it, when."""
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    source = f"floebmi {__version__}"
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "source": source,
+        "history": f"{now}: written by {source}",
+    }
 
 
 def contents(path: Path) -> str:

@@ -16,7 +16,6 @@ ice, floes that have left or have not yet come.
 """
 
 import contextlib
-import datetime
 import errno
 import os
 import shutil
@@ -47,7 +46,7 @@ from floebmi.cf import (
 from floebmi.coast import land_geometry
 from floebmi.entries import checksum, entries_of, state_of
 from floebmi.errors import InputError, choose
-from floebmi.files import check_target, disk_full_told, in_one_go, new_file
+from floebmi.files import attributes_of, check_target, disk_full_told, in_one_go, new_file
 from floebmi.projection import check_projection
 from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
 
@@ -358,13 +357,8 @@ class TrajectoryWriter(_GrowingFile):
 def _global_attributes(
     model: "Model", given: Mapping[str, Any] | None, kind: str
 ) -> dict[str, Any]:
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    source = f"floebmi {floebmi.__version__}"
     made = {
-        "Conventions": "CF-1.11",
-        "title": "Sea-ice floes as discrete elements",
-        "source": source,
-        "history": f"{now}: written by {source}",
+        **attributes_of("Sea-ice floes as discrete elements"),
         "floebmi_version": floebmi.__version__,
         "floebmi_file": f"{kind} {FILE_VERSION}",
         "contact": repr(model.contact),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from floebmi import __version__, ensemble
+from floebmi import ensemble
 from floebmi.errors import InputError
 from floebmi.experiments import shear, statistics, strait
 from floebmi.experiments.parameters import Experiment, Shear, code, make, rows
@@ -102,8 +102,6 @@ def run(
     (_fit_shear if kind is Shear else _fit_strait)(data)
     data.attrs = {
         "title": (kind.__doc__ or "").split("(")[0].strip(),
-        "Conventions": "CF-1.11",
-        "source": f"floebmi {__version__}",
         "references": REFERENCE,
         "members_failed": len(done.failures),
         **parameters,
