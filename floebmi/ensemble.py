@@ -31,7 +31,7 @@ import numpy as np
 
 from floebmi import __version__
 from floebmi.errors import InputError
-from floebmi.files import attributes_of, in_one_go
+from floebmi.files import attributes_of, check_new_folder, check_target, in_one_go
 from floebmi.meter import meter, say
 
 if TYPE_CHECKING:
@@ -236,6 +236,7 @@ def save(data: "xr.Dataset", path: str | Path) -> None:
     """Write a data set as NetCDF, whole or not at all; what it is of (`title`) and when it was made stand in the file."""
     data = data.assign_attrs(attributes_of("an ensemble of runs") | data.attrs)
     # CF has no missing values in coordinates; xarray would declare one for each of floats
+    check_target(Path(path), overwrite=True)
     encoding = {name: {"_FillValue": None} for name in data.coords}
     with in_one_go(Path(path)) as part:
         data.to_netcdf(part, engine="netcdf4", encoding=encoding)
@@ -259,6 +260,7 @@ def _words(point: Mapping[str, Any], seed: int) -> str:
 
 def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
     """Write what the members of this folder share, or refuse if they share something else."""
+    check_new_folder(folder)
     note = folder / "ensemble.json"
     ours = {
         "floebmi": __version__,
@@ -288,7 +290,7 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
                 "give another place, or remove the folder"
             )
         return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
     folder.mkdir(parents=True, exist_ok=True)
     with in_one_go(note) as part:

@@ -52,21 +52,52 @@ def cache_folder() -> Path:
     return Path(os.path.abspath(folder))
 
 
-def check_folder(path: Path) -> None:
-    """InputError if there is no folder to make the file in."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
-
-
 def check_target(path: Path, overwrite: bool) -> None:
     """InputError for a place where no file can be made, or where one stands that may not be replaced."""
-    check_folder(path)
-    if path.is_dir():
+    if not _is_folder(path.parent):
+        raise InputError(f"{path}: there is no folder {path.parent}")
+    if _is_folder(path):
         raise InputError(f"{path}: is a folder; give the name of a file")
+    _refuse_dangling(path)
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another name or overwrite=True")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: its folder is read-only; choose another place")
     if path.exists():
+        if not os.access(path, os.W_OK):
+            raise InputError(f"{path}: is read-only; choose another name, or make it writable")
         _refuse_if_being_written(path)
+
+
+def check_new_folder(path: Path) -> None:
+    """InputError for a place where no folder is or can be made, or where files cannot be made in it."""
+    if _is_folder(path):
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise InputError(f"{path}: is read-only; choose another place, or make it writable")
+        return
+    _refuse_dangling(path)
+    if path.exists():
+        raise InputError(f"{path}: is a file; give the name of a folder")
+    if path.parent != path:
+        check_new_folder(path.parent)
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a folder is there; InputError for what can be the name of nothing."""
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:  # a name too long, links in a circle, a NUL in it
+        raise InputError(f"{path!s}: {getattr(error, 'strerror', None) or error}") from None
+    return path.is_dir()
+
+
+def _refuse_dangling(path: Path) -> None:
+    if path.is_symlink() and not path.exists():
+        raise InputError(
+            f"{path}: is a link to {os.readlink(path)}, which is not there; remove the link, or choose another name"
+        )
 
 
 def _refuse_if_being_written(path: Path) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError
-from floebmi.files import in_one_go
+from floebmi.files import check_new_folder, in_one_go
 from floebmi.output import open_file
 from floebmi.variables import FLOE_VARIABLES, VARIABLES
 
@@ -62,8 +62,7 @@ def export(
         if `path` is no such file, or `folder` is a file.
     """
     folder = Path(folder)
-    if folder.is_file():
-        raise InputError(f"{folder}: is a file; give the name of a folder")
+    check_new_folder(folder)
     with open_file(path, "trajectories", "gridded") as data:
         data.set_auto_mask(False)
         floes = data.floebmi_file.startswith("trajectories")

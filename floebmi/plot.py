@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 import numpy as np
 
 from floebmi.errors import InputError, choose
-from floebmi.files import check_folder, in_one_go
+from floebmi.files import check_target, in_one_go
 from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.output import open_file
 from floebmi.quantities import is_number, two_numbers
@@ -359,10 +359,10 @@ def page(
 
 
 def _check_kind(to: Path, kinds: Sequence[str]) -> None:
-    """InputError for a file of another kind than those, or in a folder that is not there."""
+    """InputError for a file of another kind than those, or in a place where none can be made."""
     if to.suffix not in kinds:
         raise InputError(f"{to}: {choose(to.suffix, kinds)}")
-    check_folder(to)
+    check_target(to, overwrite=True)
 
 
 class _Clock:

@@ -24,7 +24,7 @@ import numpy as np
 from floebmi import ensemble
 from floebmi.ensemble import Output
 from floebmi.errors import InputError
-from floebmi.files import contents
+from floebmi.files import check_new_folder, check_target, contents
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
@@ -287,6 +287,11 @@ def tradeoff(
         raise InputError(f"budget = {budget!r} minutes: must be greater than 0")
     if to.suffix != ".nc":
         raise InputError(f"--to {to}: must end in .nc")
+    check_new_folder(to.parent)
+    if to.parent.is_dir():
+        check_target(to, overwrite=True)
+    members = to.with_name(f"{to.name}.members")
+    check_new_folder(members)
     if to.exists():
         read(to)  # replaced by a newer result is a result, and nothing else
     built, schedule = scene.build(), scene.schedule(duration)
@@ -314,7 +319,6 @@ def tradeoff(
         "exchange": schedule.exchange,
         "every": schedule.every,
     }
-    members = to.with_name(f"{to.name}.members")
 
     def run(texts: Sequence[str]) -> ensemble.Ensemble:
         return ensemble.run(

@@ -13,7 +13,7 @@ from floebmi import ensemble
 from floebmi.errors import InputError
 from floebmi.experiments import shear, statistics, strait
 from floebmi.experiments.parameters import Experiment, Shear, code, make, rows
-from floebmi.files import check_folder
+from floebmi.files import check_new_folder, check_target
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -70,7 +70,8 @@ def run(
     """
     path = Path(path)
     members = path.with_name(f"{path.name}.members")
-    check_folder(path)
+    check_target(path, overwrite=True)
+    check_new_folder(members)
     if path.exists() and not members.exists():
         raise InputError(f"{path}: exists already, and is not of an ensemble; give another file")
     if not seeds:

@@ -22,7 +22,7 @@ from floebmi.ensemble import Failure
 from floebmi.errors import InputError
 from floebmi.experiments import campaign, shear, statistics, strait
 from floebmi.experiments.parameters import NORMAL_STRESSES, Experiment, Shear, Strait, make
-from floebmi.files import check_folder
+from floebmi.files import check_target
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -94,7 +94,7 @@ def make_figure(
     to = Path(f"figure-{number}.png") if to is None else Path(to)
     if to.suffix not in (".png", ".pdf", ".svg"):
         raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
-    check_folder(to)
+    check_target(to, overwrite=True)
     maps = number in (1, 2, 5)  # drawn on water; graphs on white
     with matplotlib.rc_context(plot.style() | ({} if maps else {"axes.facecolor": "white"})):
         if maps:
