@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from netCDF4 import Dataset
 
 
+LONGEST = 255  # bytes that file systems allow a name
+
+
 def attributes_of(title: str) -> dict[str, str]:
     """Global attributes that each NetCDF file of results has: what it is, and what made it, when."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -134,7 +137,7 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
     Another process may be making the same file: it has a name of its own, and the second to be whole does not
     replace the first unasked.  An OSError that names no file, or that name, gets the name of this one.
     """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part = path.with_name(_name_meanwhile(path.name))
     try:
         yield part
         if overwrite:
@@ -148,6 +151,14 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
     finally:
         if part.exists():  # on a read-only disk to take away what is not there is an error, too
             part.unlink()
+
+
+def _name_meanwhile(name: str) -> str:
+    """Of a file that is being made, for this process alone; no longer than file systems allow, as long as the name may be."""
+    end = f".{os.getpid()}.part"
+    if len(os.fsencode(name + end)) > LONGEST:
+        name = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+    return name + end
 
 
 @contextlib.contextmanager

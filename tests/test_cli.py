@@ -374,6 +374,17 @@ def test_such_a_place_is_refused_by_every_command_before_its_work(
     assert said in result.stderr
 
 
+def test_a_scene_with_the_longest_name_a_file_can_have_runs_to_its_picture(cli, tmp_path):
+    name = "n" * 250
+    assert cli("scene", "two-floes", "--to", f"{name}.toml").exit_code == 0
+    result = cli("run", f"{name}.toml", "--set", "time.duration=15", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / name / f"{name}.png").exists()
+    assert not list((tmp_path / name).glob("*.part"))
+    result = cli("tradeoff", f"{name}.toml")
+    assert result.exit_code == 2 and result.stderr.rstrip().endswith("File name too long")
+
+
 def test_a_run_can_go_on_from_its_restart_file_to_the_same_bits(cli, ran, tmp_path):
     assert cli(*fast("--to", "half", "--duration", 7.5)).exit_code == 0
     result = cli(*fast("--restart", "half/restart.nc", "--to", "rest"))
