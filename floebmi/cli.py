@@ -111,6 +111,7 @@ def run(
     """
     from floebmi.clock import refuse_other_start
     from floebmi.explain import notes
+    from floebmi.files import alone_in
     from floebmi.output import load_restart
     from floebmi.running import run as run_model
     from floebmi.scene import read_scene
@@ -146,6 +147,8 @@ def run(
         )
     read.check_forcing(built, model.time, schedule.duration)
     folder.mkdir(parents=True, exist_ok=True)
+    click.get_current_context().with_resource(alone_in(folder))
+    _refuse_to_overwrite(folder, targets, paraview, force)  # another may have ended meanwhile
     if not quiet:
         click.echo(f"{read.name}: {read.title}\n{model!r}")
         for line in notes(model):

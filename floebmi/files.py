@@ -121,6 +121,29 @@ def _refuse_if_being_written(path: Path) -> None:
 
 
 @contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """No other run in this folder meanwhile; InputError if one is going on. A run that ends, be it killed, leaves no trace."""
+    try:
+        import fcntl
+    except ImportError:  # where a file that is open cannot be replaced anyway
+        yield
+        return
+    here = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(here, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{folder}: another run is going on in it; give another folder with --to"
+            ) from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(here)
+
+
+@contextlib.contextmanager
 def disk_full_told(path: Path) -> Iterator[None]:
     """NetCDF says `HDF error` for a full disk: OSError with the file's name instead."""
     try:

@@ -17,6 +17,7 @@ from floebmi import (
     Model,
     __version__,
     ensemble,
+    files,
     paraview,
     plot,
     read_scene,
@@ -383,6 +384,18 @@ def test_a_scene_with_the_longest_name_a_file_can_have_runs_to_its_picture(cli, 
     assert not list((tmp_path / name).glob("*.part"))
     result = cli("tradeoff", f"{name}.toml")
     assert result.exit_code == 2 and result.stderr.rstrip().endswith("File name too long")
+
+
+def test_a_second_run_in_a_folder_is_refused_and_leaves_the_first_ones_files(cli, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    with files.alone_in(folder):
+        for more in ([], ["--force"], ["--set", "output.trajectories=false"]):
+            result = cli(*fast("--to", folder, *more))
+            assert result.exit_code == 2 and not list(folder.iterdir())
+            assert result.stderr == f"floebmi: {folder}: another run is going on in it; give another folder with --to\n"  # fmt: skip
+    assert cli(*fast("--to", folder)).exit_code == 0
+    assert {"floes.nc", "restart.nc"} <= {path.name for path in folder.iterdir()}
 
 
 def test_a_run_can_go_on_from_its_restart_file_to_the_same_bits(cli, ran, tmp_path):
