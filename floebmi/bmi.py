@@ -3,7 +3,7 @@
 A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
 Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
 and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
-computed.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
+computed.  Who edits `model.floes` between two updates sees it in what he asks for then.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
 number for the whole.
 
 The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
@@ -50,7 +50,7 @@ from floebmi.bmi_layout import Layout, layout_of
 from floebmi.bmi_totals import SCALARS, Scalar
 from floebmi.errors import InputError, choose
 from floebmi.quantities import flat, is_number
-from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
+from floebmi.variables import FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,6 +106,7 @@ class _Running:
         self.values: dict[str, np.ndarray] = {}
         self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # who makes an output
         self.asked: set[str] = set()
+        self.shown: object = None  # what the model knew of its floes when outputs were written
         self._list()
         self.show({})
         if view.restart is not None:
@@ -224,10 +225,7 @@ class _Running:
                     sums[name] = sums.get(name, 0.0) + values * (duration / rest)
         model.time = until
         if count > 1 and model.ocean is not None:
-            over = model.grid.area * model.over_ice_area()  # as `area_fraction` is now
-            for axis in AXES:
-                mean = sums[f"ocean_stress_{axis.letter}"]
-                sums[f"ocean_stress_per_ice_area_{axis.letter}"] = mean * over
+            sums |= self._per_ice_area(sums)
         if self.capacity:
             _check_capacity(model.floes, self.capacity)
         if self.checkpoint is not None:
@@ -246,7 +244,7 @@ class _Running:
 
         means : over the last update, of what is a mean, where that was not one exchange
         """
-        self.means = means
+        self.means, self.shown = means, self.model._seen
         asked = {name: self.rows[name] for name in self.asked}
         fields = {row.name: self.values[name] for name, row in asked.items() if _is_field(row)}
         for part in {self.parts[name] for name in fields}:
@@ -259,11 +257,36 @@ class _Running:
 
     def array(self, name: str) -> np.ndarray:
         """The array of a variable; an output is kept up to date from the time that it is asked for."""
+        if self._is_of_the_floes(name):
+            self.follow_edits()
         if name not in self.asked:
             with self.alone(name):  # an update in another thread goes through what was asked for
                 self._write(name)
                 self.asked.add(name)
         return self.values[name]
+
+    def _is_of_the_floes(self, name: str) -> bool:
+        """Whether an output changes with the floes themselves; what fluids were given, and the books, wait for an update."""
+        row = self.rows[name]
+        if isinstance(row, Scalar) or row.intent == "in":
+            return False
+        given = self.parts.get(row.name) == self.model.fluid_stress_fields
+        return not given or row.name in PER_ICE_AREA
+
+    def follow_edits(self) -> None:
+        """Write the outputs anew if somebody has changed the floes since: they are of the floes as they are."""
+        if self.model._look() is self.shown:
+            return
+        means = dict(self.means)
+        if any(name in means for name in PER_ICE_AREA):
+            means |= self._per_ice_area(means)
+        with self.alone("get_value"):
+            self.show(means)
+
+    def _per_ice_area(self, means: dict[str, Any]) -> dict[str, np.ndarray]:
+        """Mean stresses over the area of ice now, so that with the concentration they give those per cell area."""
+        over = self.model.grid.area * self.model.over_ice_area()
+        return {name: means[per_cell] * over for name, per_cell in PER_ICE_AREA.items()}
 
     def _write(self, name: str) -> None:
         """Write one output, and no other."""
@@ -315,11 +338,13 @@ class _Running:
     def unchanged_on_failure(self) -> "Iterator[None]":
         """What fails in here is undone; `show` comes last of what can fail, so outputs need no copies."""
         before, sources, filled = self.model.state(), dict(self.sources), dict(self.filled)
+        up_to_date = self.shown is self.model._seen
         try:
             yield
         except BaseException:
             self.model.restore(before)
             self.sources, self.filled = sources, filled
+            self.shown = self.model._seen if up_to_date else None
             raise
 
 
@@ -634,6 +659,8 @@ class FloeBmi(Bmi):
 
     def _part(self, grid: int, name: str) -> np.ndarray:
         layout = self._layout(grid)
+        if grid == FLOES:  # they are where they are now
+            self._now("grid").follow_edits()
         part = getattr(layout, name)
         if part is None:
             raise NotImplementedError(f"grid {grid}: a grid of type {layout.type!r} has no {name}")

@@ -97,10 +97,10 @@ from floebmi.sampling import (
     without_cell,
 )
 from floebmi.state import Counters, Seconds, State
+from floebmi.variables import PER_ICE_AREA
 
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
-PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
 SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
 UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi does not have

@@ -48,7 +48,7 @@ from floebmi.entries import checksum, entries_of, state_of
 from floebmi.errors import InputError, choose
 from floebmi.files import attributes_of, check_target, disk_full_told, in_one_go, new_file
 from floebmi.projection import check_projection
-from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
+from floebmi.variables import AXES, FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
@@ -56,10 +56,6 @@ if TYPE_CHECKING:
     from floebmi.grid import Grid
     from floebmi.model import Model
 
-# the stress per ice area, and that per cell area which is the same impulse
-PER_ICE_AREA = {
-    f"ocean_stress_per_ice_area_{axis.letter}": f"ocean_stress_{axis.letter}" for axis in AXES
-}
 FILE_VERSION = 1
 RESTART_VERSION = 1
 

@@ -247,6 +247,11 @@ _STATE = (
     ),
 )
 
+# the stress per ice area, and that per cell area which is the same impulse
+PER_ICE_AREA = {
+    f"ocean_stress_per_ice_area_{axis.letter}": f"ocean_stress_{axis.letter}" for axis in AXES
+}
+
 _STRESSES = (
     *_vectors(
         [
