@@ -56,9 +56,10 @@ from coupling.connection import Connection, Link, axis_of, connect, instant_name
 from coupling.ledger import HEADER, Exchange
 from coupling.regrid import Regrid, checksum
 from coupling.side import CouplingError, Side, first_line, in_one_line, same_time
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.files import path_of
 from floebmi.grid import Grid
-from floebmi.quantities import is_number
+from floebmi.quantities import check_table, is_number
 
 ON_WATER = "sea_ice_bottom_water_flowing__"  # stresses with this beginning are in the ledger
 BOTTOM = "_bottom_water_flowing__"  # stresses on the water, per cell area and per ice area
@@ -162,6 +163,13 @@ class Coupling:
             raise InputError(f"couple: every = {every!r} s: must be greater than 0")
         if offset is not None and not is_number(offset):
             raise InputError(f"couple: offset = {offset!r} s: must be a finite number")
+        for name, table in (
+            ("to_floes", to_floes), ("to_host", to_host), ("units", units), ("host_grids", host_grids),
+            ("floes_grids", floes_grids), ("regrids", regrids),
+        ):  # fmt: skip
+            check_table(f"couple: {name}", table)
+        if rescue is not None:
+            path_of("couple: rescue", rescue)
         _check_kind("host_grids", host_grids, Grid)
         _check_kind("floes_grids", floes_grids, Grid)
         _check_kind("regrids", regrids, Regrid)
@@ -198,7 +206,7 @@ class Coupling:
         """What was given for a name or grid that is nowhere was given for another."""
         names = {name for side in (self.host, self.floes) for name in (*side.inputs, *side.outputs)}
         for name in units:
-            if name not in names:
+            if not is_word(name, names):
                 raise InputError(
                     f"couple: units of {name!r}: no such variable; {choose(name, names)}"
                 )
@@ -216,7 +224,7 @@ class Coupling:
         self, giver: Side, taker: Side, explicit: Mapping[str, str | Link | None]
     ) -> list[Connection]:
         for name in explicit:
-            if name not in taker.inputs:
+            if not is_word(name, taker.inputs):
                 raise InputError(
                     f"couple: {name!r} is not an input of the {taker.name};"
                     f" {choose(name, taker.inputs)}"
@@ -232,7 +240,7 @@ class Coupling:
             if not isinstance(link, Link):
                 raise InputError(f"couple: {name}: {link!r}: must be a name, a Link or None")
             for output in filter(None, (link.source, link.weight)):
-                if output not in giver.outputs:
+                if not is_word(output, giver.outputs):
                     raise InputError(
                         f"couple: {output!r} is not an output of the {giver.name};"
                         f" {choose(output, giver.outputs)}"
@@ -263,6 +271,8 @@ class Coupling:
 
     def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
         """Exchange until a time of the floes' clock [s]; returns the ledger so far.  Raises as `couple` does."""
+        if not (show is None or callable(show)):
+            raise InputError(f"couple: show = {in_line(show)}: must be a function, such as print")
         known = len(self.ledger)
 
         def tell(*heading: str) -> None:

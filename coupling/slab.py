@@ -36,16 +36,17 @@ A configuration file (TOML):
 from __future__ import annotations
 
 import sys
-from pathlib import Path
+from numbers import Integral
 from typing import final
 
 import numpy as np
 from bmipy import Bmi
 
 from floebmi.bmi_buffers import copied, indices_of, numbers_of
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
+from floebmi.files import path_of
 from floebmi.grid import Grid
-from floebmi.quantities import NonNegative, Positive
+from floebmi.quantities import NonNegative, Positive, is_number
 from floebmi.tables import Table, parse, read_text, validate
 
 FIELDS, WHOLE = 0, 1  # the two BMI grids: cells, and the ocean as one number
@@ -125,11 +126,11 @@ class TwoSlabOcean(Bmi):
 
     def initialize(self, config_file: str) -> None:
         """Read the configuration (TOML) and start at rest or with the velocities that it gives."""
-        if not config_file:
+        if config_file is None or isinstance(config_file, str) and not config_file:
             raise InputError(
                 "initialize: a configuration file (TOML) is needed, with a table [grid]"
             )
-        path = Path(config_file)
+        path = path_of("config_file", config_file)
         settings = validate(Settings, parse(read_text(path), str(path)), str(path))
         grid = Grid.uniform(settings.grid.x, settings.grid.y, settings.grid.spacing)
         self._settings, self._grid, self._time = settings, grid, 0.0
@@ -147,7 +148,9 @@ class TwoSlabOcean(Bmi):
     def update_until(self, time: float) -> None:
         """Advance to `time` [s] in whole steps and a shorter last one; lands exactly on it."""
         now = self.get_current_time()
-        if not np.isfinite(time) or time < now:
+        if not is_number(time):
+            raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
+        if time < now:
             raise InputError(f"update_until: time = {time} s is before the current time, {now} s")
         step = self._settings.time.step
         steps = int(np.ceil((time - now) / step - 1e-9))
@@ -196,12 +199,12 @@ class TwoSlabOcean(Bmi):
 
     @staticmethod
     def _grid_of(name: str) -> int:
-        if name not in UNITS:
+        if not is_word(name, UNITS):
             raise InputError(f"variable {name!r}: unknown; {choose(name, UNITS)}")
         return WHOLE if name in MOMENTUM + RECEIVED else FIELDS
 
     def _cells(self, grid: int) -> Grid:
-        if grid != FIELDS:
+        if not isinstance(grid, Integral) or grid != FIELDS:
             raise InputError(f"grid {grid}: not a grid of cells; {choose(grid, ['0'])}")
         if not self._values:
             raise InputError("grid 0: call initialize first")
@@ -292,7 +295,7 @@ class TwoSlabOcean(Bmi):
         array[inds] = values
 
     def get_grid_type(self, grid: int) -> str:
-        if grid not in (FIELDS, WHOLE):
+        if not isinstance(grid, Integral) or grid not in (FIELDS, WHOLE):
             raise InputError(f"grid {grid}: unknown; allowed: {FIELDS}, {WHOLE}")
         return "uniform_rectilinear" if grid == FIELDS else "scalar"
 

@@ -34,6 +34,7 @@ A call that fails raises one line that says all, and leaves the component as it 
 This module imports little, so that `floebmi.FloeBmi` can be there as soon as the package is.
 """
 
+import os
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -48,7 +49,7 @@ from floebmi import variables
 from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.bmi_layout import Layout, layout_of
 from floebmi.bmi_totals import SCALARS, Scalar
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line
 from floebmi.quantities import flat, is_number
 from floebmi.variables import FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
 
@@ -314,7 +315,7 @@ class _Running:
         date = {} if self.start is None else {"start": self.start, "calendar": self.calendar}
         save_restart(path, state, {"time": self.model.time} | date)
 
-    def load(self, path: Path) -> None:
+    def load(self, path: str | Path) -> None:
         from floebmi.clock import refuse_other_start
         from floebmi.output import load_restart
 
@@ -391,8 +392,10 @@ class FloeBmi(Bmi):
             raise InputError(
                 "initialize: this component is initialized already; call finalize first"
             )
-        if not config_file:
+        if config_file is None or isinstance(config_file, str) and not config_file:
             raise InputError("initialize: needs a scene, a TOML or YAML file or a packaged name")
+        if not isinstance(config_file, str | os.PathLike):
+            raise InputError(f"initialize: {in_line(config_file)}: must be the path of a scene")
         self._running = _Running(str(config_file))
 
     def update(self) -> None:
@@ -429,7 +432,7 @@ class FloeBmi(Bmi):
 
     def load_state(self, path: str | Path) -> None:
         """Take up a state that `save_state` wrote, of a component with the same scene."""
-        self._now("load_state").load(Path(path))
+        self._now("load_state").load(path)
 
     @property
     def model(self) -> "Model":

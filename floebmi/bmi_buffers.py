@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 from floebmi.quantities import unmasked
 
 
@@ -23,7 +23,7 @@ def copied(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
 
 def numbers_of(name: str, src: np.ndarray, size: int) -> np.ndarray:
     """The host's numbers as float64."""
-    given = np.asarray(src)
+    given = _array(name, src)
     if given.dtype.kind not in "fiub":
         raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
     if given.size != size:
@@ -35,7 +35,7 @@ def indices_of(name: str, inds: np.ndarray, size: int) -> np.ndarray:
     """The host's indices, flat, each of one of so many places."""
     if np.ma.is_masked(inds):
         raise InputError(f"{name}: masked indices; must be integers from 0 to {size - 1}")
-    inds = np.asarray(inds)
+    inds = _array(name, inds)
     if inds.size and inds.dtype.kind not in "iu":
         raise InputError(f"{name}: indices of type {inds.dtype}; must be integers")
     inds = inds.ravel()
@@ -43,3 +43,12 @@ def indices_of(name: str, inds: np.ndarray, size: int) -> np.ndarray:
     if wrong.any():
         raise InputError(f"{name}: index {inds[wrong][0]}: must be from 0 to {size - 1}")
     return inds.astype(np.int64)
+
+
+def _array(name: str, values: np.ndarray) -> np.ndarray:
+    try:
+        return np.asarray(values)
+    except ValueError:  # rows of unlike lengths
+        raise InputError(
+            f"{name}: {in_line(values)}: must be numbers, in rows of one length"
+        ) from None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import platformdirs
 
 from floebmi import __version__
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
@@ -53,6 +53,13 @@ def cache_folder() -> Path:
     if folder.startswith("~"):  # a user without a home; a folder here of that name would be a trap
         folder = os.path.join(os.devnull, "floebmi")
     return Path(os.path.abspath(folder))
+
+
+def path_of(what: str, value: object) -> Path:
+    """The path that an argument is; InputError for what is none."""
+    if not isinstance(value, str | os.PathLike) or "\0" in str(value):
+        raise InputError(f"{what} = {in_line(value)}: must be the path of a file or folder")
+    return Path(value)
 
 
 def check_target(path: Path, overwrite: bool) -> None:

@@ -43,7 +43,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_contact, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose, in_line
+from floebmi.errors import InputError, StabilityError, choose, in_line, is_word
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.fluid import Fluid
 from floebmi.forces import (
@@ -320,11 +320,11 @@ class Model:
         check(self.forces)
         check([self.contact])
         check_contact(self.contact)
-        if self.sampling not in ("overlap", "centre"):
+        if not is_word(self.sampling, ("overlap", "centre")):
             raise InputError(
                 f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"
             )
-        if self.step.scheme not in ("verlet", "taylor2", "taylor3"):
+        if not is_word(self.step.scheme, ("verlet", "taylor2", "taylor3")):
             allowed = choose(self.step.scheme, ("verlet", "taylor2", "taylor3"))
             raise InputError(f"step.scheme = {self.step.scheme!r}: {allowed}")
         if self.step.epsilon is not None and self.step.length is not None:
@@ -669,6 +669,8 @@ class Model:
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
+        if not (is_number(steps) and steps >= 0):
+            raise InputError(f"step_by: steps = {in_line(steps)}: must be a number, at least 0")
         length = self.longest_step()
         if not np.isfinite(length):
             raise InputError("step_by: nothing sets a step here; use advance(seconds)")

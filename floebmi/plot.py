@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
-from floebmi.files import check_target, in_one_go
+from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.files import check_target, in_one_go, path_of
 from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.output import open_file
 from floebmi.quantities import is_number, two_numbers
@@ -293,7 +293,7 @@ def animate(
     """
     import matplotlib
 
-    to = Path(to)
+    to = path_of("to", to)
     _check_kind(to, (".mp4", ".gif"))
     if not (is_number(fps) and fps >= 1):
         raise InputError(f"fps = {fps!r}: must be at least 1")
@@ -341,7 +341,7 @@ def page(
     InputError
         as `frame`, and for another ending of the name or every < 1.
     """
-    to = Path(to)
+    to = path_of("to", to)
     _check_kind(to, (".html",))
     _check_every(every)
     with ExitStack() as files:
@@ -662,6 +662,8 @@ def _with_power(label: str, power: int) -> str:
 
 def _lines(text: str, letters: int) -> list[str]:
     """Text in as few lines as have room for so many letters, about equally long."""
+    if not isinstance(text, str):
+        raise InputError(f"title = {in_line(text)}: must be a text")
     lines = textwrap.wrap(text, letters) or [""]
     narrow = (textwrap.wrap(text, n) for n in range(1 + len(text) // len(lines), letters))
     return next((found for found in narrow if len(found) == len(lines)), lines)
@@ -688,7 +690,7 @@ def save(figure: "Figure", to: str | Path | None) -> "Figure":
         for another kind of file, or a folder that is not there.
     """
     if to is not None:
-        to = Path(to)
+        to = path_of("to", to)
         _check_kind(to, [f".{kind}" for kind in figure.canvas.get_supported_filetypes()])
         with in_one_go(to) as part:
             figure.savefig(part, format=to.suffix[1:])
@@ -852,7 +854,7 @@ def _vectors(
 
 def _draw_arrows(axes: "Axes", view: _View, arrows: str, k: int) -> list[Any]:
     """Arrows on the grid, at most about 25 across, with a key under the lower right corner."""
-    if arrows not in _ARROWS:
+    if not is_word(arrows, _ARROWS):
         raise InputError(f"arrows = {arrows!r}: {choose(arrows, _ARROWS)}")
     name, units, word = _ARROWS[arrows]
     found = _vectors(view, name, k)
@@ -1110,7 +1112,7 @@ class _FloePicture:
             for name, variable in self._view.data.variables.items()
             if variable.dimensions in (("time", "trajectory"), ("trajectory",))
         ]
-        if color not in have:
+        if not is_word(color, have):
             raise InputError(f"color = {color!r}: {choose(color, have)}")
 
     def values(self, k: int) -> np.ndarray:

@@ -852,7 +852,7 @@ def find_scene(scene: str | Path) -> Path:
     InputError
         if there is neither; it names the packaged scenes and a near one.
     """
-    if not isinstance(scene, str | os.PathLike):
+    if not isinstance(scene, str | os.PathLike) or "\0" in str(scene):
         raise InputError(f"scene = {in_line(scene)}: must be the path of a file or a packaged name")
     path = Path(scene)
     if path.is_file() or path.suffix in _SUFFIXES or len(path.parts) > 1:

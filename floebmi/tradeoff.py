@@ -23,8 +23,8 @@ import numpy as np
 
 from floebmi import ensemble
 from floebmi.ensemble import Output
-from floebmi.errors import InputError
-from floebmi.files import check_new_folder, check_target, contents
+from floebmi.errors import InputError, is_word
+from floebmi.files import check_new_folder, check_target, contents, path_of
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
@@ -276,8 +276,8 @@ def tradeoff(
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
-    to = Path(f"{scene.name}{SUFFIX}") if to is None else Path(to)
-    if of is not None and of not in COMPARED:
+    to = Path(f"{scene.name}{SUFFIX}") if to is None else path_of("to", to)
+    if of is not None and not is_word(of, COMPARED):
         raise InputError(f"of = {of!r}: must be one of {', '.join(COMPARED)}")
     if not 0 < error < 1:
         raise InputError(f"error = {error!r}: must be between 0 and 1")

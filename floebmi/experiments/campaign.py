@@ -13,7 +13,7 @@ from floebmi import ensemble
 from floebmi.errors import InputError
 from floebmi.experiments import shear, statistics, strait
 from floebmi.experiments.parameters import Experiment, Shear, code, make, rows
-from floebmi.files import check_new_folder, check_target
+from floebmi.files import check_new_folder, check_target, path_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -68,7 +68,7 @@ def run(
     InputError
         before anything runs, for a value that cannot be right or a place that is taken.
     """
-    path = Path(path)
+    path = path_of("path", path)
     members = path.with_name(f"{path.name}.members")
     check_target(path, overwrite=True)
     check_new_folder(members)
