@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line, is_word
 from floebmi.fields import DURATIONS, Field, coordinate
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Clock:
         beyond_span: BeyondSpan = "error",
         calendar: Calendar | None = None,
     ) -> None:
-        if beyond_span not in ("error", "hold", "repeat"):
+        if not is_word(beyond_span, ("error", "hold", "repeat")):
             raise InputError(
                 f"beyond_span = {beyond_span!r}: {choose(beyond_span, ('error', 'hold', 'repeat'))}"
             )
@@ -227,6 +227,8 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
 
     text = text_of(start)
     try:
+        if not isinstance(calendar, str) or not calendar:
+            raise InputError(f"calendar = {in_line(calendar)}: must be a text, such as 'standard'")
         if not _DATE.fullmatch(text):
             raise ValueError
         return cftime.num2date(0.0, f"seconds since {text}", calendar)

@@ -25,6 +25,11 @@ def in_line(value: object) -> str:
     return " ".join(repr(value).split())
 
 
+def is_word(word: object, allowed: Iterable[object]) -> bool:
+    """Whether it is one of these words; an array in the place of a word is none, nor is what cannot be looked up."""
+    return isinstance(word, str) and word in allowed
+
+
 def choose(word: object, allowed: Iterable[str]) -> str:
     """The end of an error message: the allowed words, and the nearest one if one is near.
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from floebmi.classic import length_by_header
 from floebmi.errors import InputError, choose, in_line
+from floebmi.files import path_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -165,7 +166,7 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
 
     if isinstance(path, xr.Dataset):
         return File(Path(str(path.encoding.get("source", "data set"))).name, path)
-    path = Path(path)
+    path = path_of("path", path)
     if not path.exists():
         near = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
         hint = choose(path.name, near).rpartition("; ")[2] if near else ""

@@ -22,7 +22,7 @@ from scipy import sparse
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
@@ -479,7 +479,7 @@ def _takes_three(function: Callable) -> bool:
 
 
 def _among(name: str, value: object, allowed: Sequence[str] | dict) -> None:
-    if value not in allowed:
+    if not is_word(value, allowed):
         raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
 
 

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from floebmi.barrier import Land, area_inside, barrier_of
 from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import read_features
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
+from floebmi.files import path_of
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
 from floebmi.grid import Grid, check_grid
 from floebmi.laying import ground_of, settle, spread, thin_out
@@ -248,7 +249,7 @@ def regular(
         nearest.
     """
     check_domain(domain)
-    if lattice not in ("hexagonal", "square"):
+    if not is_word(lattice, ("hexagonal", "square")):
         raise InputError(f"lattice = {lattice!r}: {choose(lattice, ('hexagonal', 'square'))}")
     if (spacing is None) == (concentration is None):
         raise InputError(
@@ -296,7 +297,7 @@ def read_floes(
     InputError
         naming file, row or feature, column and value.
     """
-    path = Path(path)
+    path = path_of("path", path)
     if thickness is not None and not (is_number(thickness) and thickness > 0):
         raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
     suffix = path.suffix.lower()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, final
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 from floebmi.fields import (
     COORDINATES,
     IN_FILE,
@@ -316,7 +316,7 @@ def place_of(
         if the file does not say where the points are, or a projection is missing.
     """
     where = f"{file.label}: {array.name}({', '.join(dims)})"
-    if position not in ("auto", "mapping", "lonlat"):
+    if not is_word(position, ("auto", "mapping", "lonlat")):
         allowed = ("auto", "mapping", "lonlat")
         raise InputError(f"position = {position!r}: {choose(position, allowed)}")
     if projection is not None:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 from floebmi.fields import Box
 from floebmi.grid import Grid
 from floebmi.interpolation import Corners, nearest, weights
@@ -27,7 +27,7 @@ def around_cells(
     place: Place, grid: Grid, needed: np.ndarray, fill_land: FillLand, label: str
 ) -> tuple[Corners, Box]:
     """The source points around each cell, and the block that holds them; all `needed` cells must be inside."""
-    if fill_land not in ("error", "nearest", "dry"):
+    if not is_word(fill_land, ("error", "nearest", "dry")):
         allowed = ("error", "nearest", "dry")
         raise InputError(f"fill_land = {fill_land!r}: {choose(fill_land, allowed)}")
     margin = _NEAREST_MARGIN if fill_land == "nearest" else 1

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from floebmi.clock import Clock
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 from floebmi.fields import (
     Field,
     File,
@@ -155,7 +155,7 @@ def read_scalar(
         ("quantity", quantity, allowed),
         ("thickness_of", thickness_of, ("auto", "ice", "cell")),
     ):
-        if value not in words:
+        if not is_word(value, words):
             raise InputError(f"{name} = {value!r}: {choose(value, words)}")
     files = open_files(path)
     on = _On(

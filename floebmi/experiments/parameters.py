@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 from annotated_types import Ge, Gt, Lt
 
 from floebmi import quantities
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
 
 Preset = Literal["default", "damsgaard2018", "granular.jl-0.3.2", "constant-cd"]
@@ -151,7 +151,7 @@ def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
         if name not in kind._fields:
             raise InputError(f"{kind.__name__}.{name}: {choose(name, kind._fields)}")
     made = kind(**values)
-    if made.preset not in PRESETS:
+    if not is_word(made.preset, PRESETS):
         raise InputError(
             f"{kind.__name__}.preset = {made.preset!r}: {choose(made.preset, PRESETS)}"
         )
