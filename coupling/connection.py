@@ -18,13 +18,23 @@ from floebmi.errors import InputError, is_word
 
 Kind = Literal["integral", "mean"]
 
-PER_AREA = ("stress", "flux", "area_fraction", "mass-per-area", "coefficient")
-OVER_ICE = {  # means over the ice, and what weights them
+PER_AREA = (
+    "stress",
+    "z_integral_of_pressure",
+    "flux",
+    "area_fraction",
+    "mass-per-area",
+    "coefficient",
+)
+COUNT = "sea_ice_floe__count"  # a number for each cell, whatever its area
+OVER_ICE = {  # means over the ice or its floes, and what weights them
     "sea_ice__thickness": "sea_ice__area_fraction",
     "sea_ice_flowing__x_component_of_velocity": "sea_ice__mass-per-area_density",
     "sea_ice_flowing__y_component_of_velocity": "sea_ice__mass-per-area_density",
     "sea_ice_floe_bottom_water_flowing__x_z_component_of_stress": "sea_ice__area_fraction",
     "sea_ice_floe_bottom_water_flowing__y_z_component_of_stress": "sea_ice__area_fraction",
+    "sea_ice_floe__mean_of_radius": COUNT,
+    "sea_ice_floe_contact__mean_of_count": COUNT,
 }
 
 
@@ -35,7 +45,7 @@ class Link(NamedTuple):
     ----------
     source : the giver's output; a running `time_integral_of` of the floes is differenced into a mean over
         the exchange
-    kind : "integral" (per cell area) or "mean"; None: by the name
+    kind : "integral" (per cell area; of the number of floes the sum) or "mean"; None: by the name
     weight : output of the giver that weights the mean (area fraction, mass); None: by the name
     """
 
@@ -62,7 +72,7 @@ def axis_of(name: str) -> int | None:
 
 def is_per_area(name: str) -> bool:
     """Whether a variable is per cell area, by its name: its integral is kept, not its mean."""
-    return name not in OVER_ICE and any(word in name for word in PER_AREA)
+    return name == COUNT or name not in OVER_ICE and any(word in name for word in PER_AREA)
 
 
 class Connection:
@@ -136,16 +146,21 @@ class Connection:
         regrid = self.regrid
         if regrid is None:
             return values
+        across = (regrid.reverse if self._downstream else regrid).flux
+        areas = regrid.source_area, regrid.target_area
+        given, taken = areas if self._downstream else areas[::-1]
         if self.kind == "integral":
-            return (regrid.reverse if self._downstream else regrid).flux(values)
-        along = regrid if self._downstream else regrid.reverse
+            return across(values / given) * taken if self.source == COUNT else across(values)
         if self.weight is None:
-            return along.state(values)
-        # eq. regrid-state, with the ice that stands behind each value
+            return (regrid if self._downstream else regrid.reverse).state(values)
+        # What stands behind each value crosses as it does by itself, its integral kept: so volume and
+        # momentum of the ice are kept, too, where a cell of it lies over the taker's land in part.
         weight = np.where(np.isfinite(values), self.giver.get(self.weight), 0.0)
-        total = along.state(weight)
-        mean = along.state(weight * np.where(weight > 0, values, 0.0))
-        return np.where(total > 0, mean / np.where(total > 0, total, 1.0), 0.0)
+        if self.weight == COUNT:
+            weight = weight / given
+        total = across(weight)
+        whole = across(weight * np.where(weight > 0, values, 0.0))
+        return np.where(total > 0, whole / np.where(total > 0, total, 1.0), 0.0)
 
     def put(self, values: np.ndarray) -> np.ndarray:
         """Give them to the taker; returns them as it has them, in its own precision."""
@@ -212,8 +227,9 @@ def connect(
             f"couple: {target}: weight {weight!r} must be an output of the {giver.name}, and is for"
             " means only"
         )
+    known = weight is not None or per_area
     mean_names = ("_of_count", "_of_radius", "__count")
-    if not from_host and link.kind is None and link.source.endswith(mean_names):
+    if not (from_host or known) and link.kind is None and link.source.endswith(mean_names):
         raise InputError(
             f"couple: {link.source} → {target}: a number or mean over floes; say how it is to be"
             " averaged with Link(source, kind, weight)"

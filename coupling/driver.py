@@ -20,8 +20,9 @@ Only BMI calls are made, so either model may be in another process (grpc4bmi).  
 
 - *Names.*  An explicit `to_floes` or `to_host` comes first; then equal CSDMS names; what finds no partner is listed.
 - *Units.*  UDUNITS (through cf_units) compares them; convertible units are converted, others refused.
-- *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept; velocities, tilt
-  and the like with their mean kept; ice thickness and velocity are means over the ice, and weighted so.
+- *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept, the number of
+  floes with its sum; velocities, tilt and the like with their mean kept.  Means over the ice (thickness, velocity) and
+  over floes (radius, contacts) are weighted so that the ice's volume and momentum, and what floes sum to, are kept.
   A floes' cell that lies over the host's land in part gives all of its ice to the wet part, as it gives its
   stress: an area fraction may pass 1 there.  Equal coasts avoid it; a host that can take no more than 1 says
   `Link(fraction, "mean")`, and gets the mean over what the floes' cells cover of its own.

@@ -94,7 +94,8 @@ class Regrid:
     InputError
         for what are no grids, grids that do not meet, sources whose wet cells are smaller, all together, than a target cell that they meet (in
         degrees or kilometres), wet cells that lie on each other (a halo), areas of a wrong size, latitudes
-        beyond 90 degrees, a target that reaches more than 60 degrees from its middle (two rectilinear grids may),
+        beyond 90 degrees, a target that reaches more than 60 degrees from its middle, a source cell that is
+        more than 20 degrees wide (two rectilinear grids may do both),
         a radius that is not greater than 0.
 
     Examples

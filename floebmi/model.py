@@ -158,7 +158,8 @@ class Model:
     grid : exchange grid; needed with drag, tilt or a Coriolis field. Default: one cell on the domain
     walls, inflow : lists of `Wall`, which push the ice, and of `Inflow`, where new floes come in
     step : how time is stepped
-    sampling : "overlap" (exact areas) or "centre" (the paper's bilinear) for floe-grid weights
+    sampling : "overlap" (exact areas) or "centre" (the paper's bilinear; on curvilinear and unstructured
+        grids the cell that holds the centre) for floe-grid weights
     ice_density : ρ_ice [kg/m³]
     draft_fraction : D/h [1]
     rotation : make floes rotate although no friction asks for it (torque of vorticity)

@@ -487,7 +487,7 @@ class Scene(Table):
     )
     sampling: Literal["overlap", "centre"] = Field(
         "overlap",
-        description="floe-grid weights: exact areas, or the paper's bilinear at the centre",
+        description="floe-grid weights: exact areas, or the paper's bilinear at the centre (the cell there where cells are no rectangles)",
     )
     domain: DomainTable = Field(description="where floes live")
     grid: GridTable | None = Field(None, description="exchange grid with ocean and air")

@@ -186,7 +186,7 @@ _STATE = (
         None,
         "1",
         "porosity of the pack: open water over cell area",
-        "porosity + area fraction = 1 where there is ice",
+        "porosity + area fraction = 1 where there is ice; porosity 0 where there is none",
         needs_ice=True,
     ),
     Variable(

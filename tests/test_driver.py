@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from coupling.connection import OVER_ICE, Connection
+from coupling.connection import COUNT, OVER_ICE, Connection, connect
 from coupling.driver import (
     HEADER,
     Coupling,
@@ -480,6 +480,49 @@ def test_means_over_the_ice_are_weighted_by_what_makes_them_amounts_again():
         )  # fmt: skip
         assert OVER_ICE[name] == weight
         assert carried.carry(np.array([1.0, 3.0])) == pytest.approx([mean])
+
+
+def test_amounts_of_ice_and_floes_are_kept_at_land_of_the_host_and_on_uneven_cells():
+    """Volume, momentum, force, number of floes, their radii, contacts, and pressure, on cells half over land."""
+    floes = Grid.rectilinear([0.0, 1.0, 4.0, 6.0], [0.0, 2.0, 3.0])
+    wet = np.ones((3, 4), bool)
+    wet[1, 1] = wet[2, 3] = False
+    host = Grid.uniform((0.0, 6.0), (0.0, 3.0), shape=(3, 4), wet=wet)
+    regrid = Regrid(host, floes)
+    rng = np.random.default_rng(6)
+    fraction, mass, count = "sea_ice__area_fraction", "sea_ice__mass-per-area_density", COUNT
+    of_x = "sea_ice_flowing__x_component_of_velocity"
+    per_ice = "sea_ice_floe_bottom_water_flowing__x_z_component_of_stress"
+    sigma = "sea_ice_flowing__z_integral_of_{a}_{a}_component_of_stress"
+    stress = [sigma.format(a=a) for a in "xy"]
+    pressure = "sea_ice_flowing__z_integral_of_pressure"
+    radius, contacts = "sea_ice_floe__mean_of_radius", "sea_ice_floe_contact__mean_of_count"
+    values = {
+        name: rng.uniform(1.0, 2.0, floes.size)
+        for name in (fraction, mass, count, of_x, per_ice, *stress, radius, contacts, THICKNESS)
+    }
+    values[pressure] = -(values[stress[0]] + values[stress[1]]) / 2
+    got = {}
+    giver = SimpleNamespace(
+        name="floes", get=values.__getitem__, units=lambda name: "1", outputs=tuple(values),
+        grid_number=lambda name: 0, know_grid=lambda name: floes,
+    )  # fmt: skip
+    taker = SimpleNamespace(
+        name="host", units=lambda name: "1", grid_number=lambda name: 0,
+        know_grid=lambda name: host,
+        model=SimpleNamespace(get_var_type=lambda name: "float64"),
+    )  # fmt: skip
+    for name in values:
+        got[name] = connect(giver, taker, name, Link(name), lambda *_: regrid).carry(values[name])
+    for behind, name in ((fraction, THICKNESS), (fraction, per_ice), (mass, of_x)):
+        kept = (values[behind] * values[name]) @ floes.area
+        assert (got[behind] * got[name]) @ host.area == pytest.approx(kept, rel=1e-13), name
+    assert got[count].sum() == pytest.approx(values[count].sum(), rel=1e-13)
+    for name in (radius, contacts):
+        assert got[count] @ got[name] == pytest.approx(values[count] @ values[name], rel=1e-13), (
+            name
+        )
+    np.testing.assert_allclose(got[pressure], -(got[stress[0]] + got[stress[1]]) / 2, rtol=1e-13)
 
 
 def test_convertible_units_are_converted_and_others_are_refused(ocean):
