@@ -5,7 +5,7 @@ value and what would be right.  `StabilityError` is for a run that left its boun
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 
 class InputError(ValueError):
@@ -23,6 +23,12 @@ class StabilityError(RuntimeError):
 def in_line(value: object) -> str:
     """A value as Python shows it, in one line: arrays and tables take several."""
     return " ".join(repr(value).split())
+
+
+def check_word(name: str, value: object, allowed: Collection[str]) -> None:
+    """InputError for what is none of the allowed words."""
+    if value not in allowed:
+        raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
 
 
 def choose(word: object, allowed: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, Protocol, final
+from typing import TYPE_CHECKING, Literal, Protocol, final, get_args
 
 import numpy as np
 from scipy import sparse
@@ -22,7 +22,7 @@ from scipy import sparse
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, check_word
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
@@ -255,9 +255,9 @@ class VelocityFile:
         beyond_span: BeyondSpan = "error",
         calendar: Calendar | None = None,
     ) -> None:
-        _among("kind", kind, _VELOCITIES)
-        _among("vectors", vectors, ("auto", "east-north", "grid"))
-        _among("stagger", stagger, ("auto", "none", "before", "after"))
+        check_word("kind", kind, get_args(Kind))
+        check_word("vectors", vectors, get_args(Vectors))
+        check_word("stagger", stagger, get_args(Stagger))
         if variables is not None and (isinstance(variables, str) or len(variables) != 2):
             raise InputError(f"variables = {variables!r}: must be two names, of u and of v")
         check_grid("grid", grid)
@@ -476,11 +476,6 @@ def _takes_three(function: Callable) -> bool:
     except ValueError:
         return True
     return True
-
-
-def _among(name: str, value: object, allowed: Sequence[str] | dict) -> None:
-    if value not in allowed:
-        raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
 
 
 def _times(factors: list[float]) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from floebmi.barrier import Land, area_inside, barrier_of
 from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import read_features
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, check_word, choose
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
 from floebmi.grid import Grid, check_grid
 from floebmi.laying import ground_of, settle, spread, thin_out
@@ -248,8 +248,7 @@ def regular(
         nearest.
     """
     check_domain(domain)
-    if lattice not in ("hexagonal", "square"):
-        raise InputError(f"lattice = {lattice!r}: {choose(lattice, ('hexagonal', 'square'))}")
+    check_word("lattice", lattice, ("hexagonal", "square"))
     if (spacing is None) == (concentration is None):
         raise InputError(
             f"spacing = {spacing}, concentration = {concentration}: give one of them, not both"

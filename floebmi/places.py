@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Literal, NamedTuple, final, get_args
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, check_word
 from floebmi.fields import (
     COORDINATES,
     IN_FILE,
@@ -316,9 +316,7 @@ def place_of(
         if the file does not say where the points are, or a projection is missing.
     """
     where = f"{file.label}: {array.name}({', '.join(dims)})"
-    if position not in ("auto", "mapping", "lonlat"):
-        allowed = ("auto", "mapping", "lonlat")
-        raise InputError(f"position = {position!r}: {choose(position, allowed)}")
+    check_word("position", position, get_args(Position))
     if projection is not None:
         check_projection(projection)
     if not dims:

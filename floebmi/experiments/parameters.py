@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 from annotated_types import Ge, Gt, Lt
 
 from floebmi import quantities
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, check_word, choose
 from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
 
 Preset = Literal["default", "damsgaard2018", "granular.jl-0.3.2", "constant-cd"]
@@ -151,15 +151,10 @@ def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
         if name not in kind._fields:
             raise InputError(f"{kind.__name__}.{name}: {choose(name, kind._fields)}")
     made = kind(**values)
-    if made.preset not in PRESETS:
-        raise InputError(
-            f"{kind.__name__}.preset = {made.preset!r}: {choose(made.preset, PRESETS)}"
-        )
+    check_word(f"{kind.__name__}.preset", made.preset, PRESETS)
     quantities.check([made])
-    for name in ("floes",):
-        value = getattr(made, name, 1)
-        if value != int(value):
-            raise InputError(f"{kind.__name__}.{name} = {value!r}: must be a whole number")
+    if isinstance(made, Shear) and made.floes != int(made.floes):
+        raise InputError(f"Shear.floes = {made.floes!r}: must be a whole number")
     if made.radius_max < made.radius_min:
         raise InputError(
             f"{kind.__name__}.radius_max = {made.radius_max!r}: must be at least radius_min, {made.radius_min!r}"
