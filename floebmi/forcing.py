@@ -506,9 +506,6 @@ def _common_clock(
 ) -> Clock:
     clock = Clock(u, start, beyond_span, calendar)
     other = Clock(v, start, beyond_span, calendar)
-    same = (clock.seconds is None) == (other.seconds is None)
-    if same and clock.seconds is not None:
-        same = np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)
-    if not same:
+    if not (np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)):
         raise InputError(f"{u.label} and {v.label}: their times differ: {clock}, and {other}")
     return clock

@@ -118,11 +118,11 @@ def in_net(
             if not (left.size and j.size):
                 break
             quad, s, t = _containing(corner, x[left], y[left], tries)
-            found = left[quad >= 0]
-            at = quad[quad >= 0]
+            hit = quad >= 0
+            found, at = left[hit], quad[hit]
             # Quadrilateral j lies between points j - 1 and j; the rim has the outermost points' index.
-            row[found] = np.clip(j[at] - 1 + t[quad >= 0], 0, ny - 1)
-            column[found] = np.clip(i[at] - 1 + s[quad >= 0], 0, nx - 1)
+            row[found] = np.clip(j[at] - 1 + t[hit], 0, ny - 1)
+            column[found] = np.clip(i[at] - 1 + s[hit], 0, nx - 1)
     return row, column
 
 

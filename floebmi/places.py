@@ -156,10 +156,9 @@ class Axes:
         """What the file covers, as text."""
         if self._geographic or self._source is None:
             names = ("lon", "lat") if self._geographic else ("x", "y")
-            axes = (names[0], self._columns), (names[1], self._rows)
             gaps = [
                 f", nothing between {name} {axis[k]:.7g} and {axis[k + 1]:.7g}"
-                for name, axis in axes
+                for name, axis in zip(names, (self._columns, self._rows), strict=True)
                 for k in holes(axis)
             ]
             return _extent(names, self._column_ends, self._row_ends) + "".join(gaps)
@@ -499,8 +498,8 @@ def _mapping_name(file: File, array: xr.DataArray) -> str | None:
     name = array.attrs.get("grid_mapping") or array.encoding.get("grid_mapping")
     if name is None:
         all_names = [n for n, v in file.data.variables.items() if "grid_mapping_name" in v.attrs]
-        name = all_names[0] if len(all_names) == 1 else None
-    name = str(name).split(":")[0].strip() if name is not None else None
+        return str(all_names[0]) if len(all_names) == 1 else None
+    name = str(name).split(":")[0].strip()
     return name if name in file.data.variables else None
 
 
@@ -555,13 +554,11 @@ def _compare(
 
 
 def _extent(names: tuple[str, str], first: tuple[float, float], second: tuple[float, float]) -> str:
-    digits = ".7g" if names[0] == "x" else ".1f"
-    unit = " m" if names[0] == "x" else ""
-    parts = [
+    digits, unit = (".7g", " m") if names[0] == "x" else (".1f", "")
+    return ", ".join(
         f"{name} {low:{digits}} … {high:{digits}}{unit}"
         for name, (low, high) in zip(names, (first, second), strict=True)
-    ]
-    return ", ".join(parts)
+    )
 
 
 def _lonlat_extent(lon: np.ndarray, lat: np.ndarray) -> str:
