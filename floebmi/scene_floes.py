@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from floebmi.coast import Coast
 
 Axis = Literal["x", "y", "rotation"]
+Motion = Literal["free", "fixed", "driven"] | list[Axis]
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 
 
@@ -101,7 +102,7 @@ class Group(Table):
         (0.0, 0.0),
         description="velocity at the start (along x, along y) [m/s]; else that of the file or list, or at rest",
     )
-    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
+    motion: Motion = Field(
         "free",
         description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
         "['x', 'y', 'rotation']; floes of a file or list have their own unless it is given",
@@ -320,9 +321,7 @@ class OneFloe(Table):
     thickness: Positive = Field(1.0, description="of the floe [m]")
     u: float = Field(0.0, description="velocity along x [m/s]")
     v: float = Field(0.0, description="velocity along y [m/s]")
-    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
-        "free", description="as for a group of floes"
-    )
+    motion: Motion = Field("free", description="as for a group of floes")
 
 
 class Listed(Group):
@@ -351,7 +350,7 @@ GroupTable = one_of(
 )
 
 
-def _motion_bits(motion: str | list[Axis]) -> int:
+def _motion_bits(motion: Motion) -> int:
     if isinstance(motion, str):
         return {"free": 0, "fixed": FIXED, "driven": DRIVEN}[motion]
     return sum({_AXIS_BITS[axis] for axis in motion})

@@ -115,12 +115,12 @@ class ByKey:
         self.key, self.default = key, default
         self.__name__ = key  # pydantic wants a name of a callable
 
-    def __call__(self, value: Any) -> str | None:
+    def __call__(self, value: Any) -> str:
         if isinstance(value, dict):
             word = value.get(self.key, self.default)
         else:  # not a table: let the default declaration say so
             word = getattr(value, self.key, self.default)
-        return _tag(word) if word is not None else _tag("")
+        return _tag("" if word is None else word)
 
 
 def one_of(key: str, tables: dict[str, Any], default: str | None = None) -> Any:
@@ -364,7 +364,10 @@ def apply_override(
         place = ".".join(override.keys[: depth + 1])
         if part.isdecimal() and isinstance(node, dict):
             raise InputError(f"--set {override.text}: {place} is not a list, so it takes no number")
-        node = node.setdefault(part, {}) if isinstance(node, dict) else _item(node, part, override)
+        if isinstance(node, dict):
+            node = node.setdefault(part, {})
+        else:
+            node = node[_index(node, part, override)]
         if isinstance(node, list) and not override.keys[depth + 1].isdecimal():
             if len(node) != 1:
                 raise InputError(
@@ -378,18 +381,13 @@ def apply_override(
         if not isinstance(node, (dict, list)):
             raise InputError(f"--set {override.text}: {place} is {node!r}, not a table of keys")
     last = override.keys[-1]
-    if isinstance(node, list):
-        if not last.isdecimal() or not 1 <= int(last) <= len(node):
-            raise InputError(f"--set {override.text}: {last!r} must be 1 to {len(node)}")
-        node[int(last) - 1] = override.value
-    else:
-        node[last] = override.value
+    node[last if isinstance(node, dict) else _index(node, last, override)] = override.value
 
 
-def _item(node: list, part: str, override: Override) -> Any:
+def _index(node: list, part: str, override: Override) -> int:
     if not part.isdecimal() or not 1 <= int(part) <= len(node):
         raise InputError(f"--set {override.text}: {part!r} must be 1 to {len(node)}")
-    return node[int(part) - 1]
+    return int(part) - 1
 
 
 # ---- validation -------------------------------------------------------------------------------
