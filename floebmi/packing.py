@@ -491,10 +491,9 @@ def _geojson_rows(path: Path, projection: str | None) -> list[tuple[str, dict[st
     return rows
 
 
-_FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + (
-    "angle",
-    "angular_velocity",
-)
+_FLOE_COLUMNS = (
+    "x", "y", "radius", "area", "thickness", "u", "v", "motion", "angle", "angular_velocity",
+)  # fmt: skip
 _FARTHEST = {"x": FARTHEST, "y": FARTHEST, "radius": FARTHEST, "area": FARTHEST**2}  # [m], [m²]
 
 
@@ -506,22 +505,25 @@ def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict
     columns: dict[str, list[float]] = {name: [] for name in names}
     for place, row in rows:
         for name in names:
-            value = row.get(name)
-            try:
-                number = number_in(value)
-                right = "must be a finite number"
-                if np.isfinite(number) and abs(number) > _FARTHEST.get(name, np.inf):
-                    right = f"must be within {_FARTHEST[name]:g}"
-                elif name in ("radius", "area", "thickness") and np.isfinite(number):
-                    right = "must be greater than 0" if number <= 0 else ""
-                elif np.isfinite(number):
-                    right = ""
-            except (TypeError, ValueError):
-                right = "must be a number"
-            if right:
-                raise InputError(f"{path}: {place}, column {name!r}: {value!r} {right}")
-            columns[name].append(number)
+            columns[name].append(_floe_number(name, row.get(name), f"{path}: {place}"))
     return {name: np.array(values) for name, values in columns.items()}
+
+
+def _floe_number(name: str, value: object, where: str) -> float:
+    try:
+        number = number_in(value)
+    except (TypeError, ValueError):
+        right = "must be a number"
+    else:
+        if not np.isfinite(number):
+            right = "must be a finite number"
+        elif abs(number) > _FARTHEST.get(name, np.inf):
+            right = f"must be within {_FARTHEST[name]:g}"
+        elif number <= 0 and name in ("radius", "area", "thickness"):
+            right = "must be greater than 0"
+        else:
+            return number
+    raise InputError(f"{where}, column {name!r}: {value!r} {right}")
 
 
 def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
@@ -535,21 +537,13 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
 
 def _check_ice(fraction: np.ndarray, depth: np.ndarray, grid: Grid) -> None:
     """Refuse a wet cell that has more ice than there is room, or ice that has no thickness."""
-    for name, values, wrong, right in (
-        (
-            "area_fraction",
-            fraction,
-            ~((fraction >= 0) & (fraction <= 1)),
-            "must be between 0 and 1",
-        ),
-        (
-            "thickness",
-            depth,
-            ~((depth > 0) & np.isfinite(depth)) & (fraction > 0),
-            "must be greater than 0 where there is ice",
-        ),
+    share = (fraction >= 0) & (fraction <= 1)
+    thick = (depth > 0) & np.isfinite(depth) | ~(fraction > 0)
+    for name, values, good, right in (
+        ("area_fraction", fraction, share, "must be between 0 and 1"),
+        ("thickness", depth, thick, "must be greater than 0 where there is ice"),
     ):
-        cells = np.flatnonzero(wrong & grid.wet)
+        cells = np.flatnonzero(~good & grid.wet)
         if cells.size:
             raise InputError(f"{name} of cell {cells[0]} = {values[cells[0]]}; {right}")
 
