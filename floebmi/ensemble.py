@@ -129,9 +129,7 @@ def run(
         )
     _claim(folder, member, parameters)
     done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
-    for key, path in names.items():
-        if path.exists():
-            done.members[key] = _load(path)
+    done.members.update({key: _load(path) for key, path in names.items() if path.exists()})
     left = [key for key in names if key not in done.members]
 
     def arguments(key: tuple[int, int]) -> tuple[Member, dict[str, Any], int]:
@@ -196,6 +194,7 @@ def gather(
         first = f": {done.failures[0]}" if done.failures else ""
         raise InputError(f"ensemble: no member has finished{first}")
     one = next(iter(done.members.values()))
+    points = done.points()
     dims = (*done.sweep, "seed")
     shape = tuple(len(values) for values in done.sweep.values()) + (len(done.seeds),)
     data = xr.Dataset(
@@ -205,30 +204,28 @@ def gather(
         unit, meaning = (units or {}).get(name, ("", ""))
         data[name].attrs = _described(unit, meaning)
     data["seed"].attrs = _described("1", "seed of the random numbers")
-    for name in {**outputs, **(coordinates or {})}:
+    coordinates = coordinates or {}
+    for name in {**outputs, **coordinates}:
         for (p, s), arrays in done.members.items():
-            which = _words(done.points()[p], done.seeds[s])
+            which = _words(points[p], done.seeds[s])
             if name not in arrays:
                 raise InputError(f"{name}: {which} has none, only {', '.join(arrays)}")
             if arrays[name].shape != one[name].shape:
                 raise InputError(
                     f"{name}: {which} has the shape {arrays[name].shape}, another member {one[name].shape}; must be one shape"
                 )
-            if name in (coordinates or {}) and not np.array_equal(arrays[name], one[name]):
+            if name in coordinates and not np.array_equal(arrays[name], one[name]):
                 raise InputError(
                     f"{name}: {which} has others than another member; must be an output"
                 )
-    for name, (own, unit, meaning) in (coordinates or {}).items():
+    for name, (own, unit, meaning) in coordinates.items():
         data.coords[name] = own, one[name], _described(unit, meaning)
     for name, (own, unit, meaning) in outputs.items():
-        values = np.full((len(points_of(done.sweep)), len(done.seeds), *one[name].shape), np.nan)
+        values = np.full((len(points), len(done.seeds), *one[name].shape), np.nan)
         for (p, s), arrays in done.members.items():
             values[p, s] = arrays[name]
-        data[name] = (
-            (*dims, *own),
-            values.reshape(*shape, *one[name].shape),
-            _described(unit, meaning),
-        )
+        values = values.reshape(*shape, *one[name].shape)
+        data[name] = (*dims, *own), values, _described(unit, meaning)
     return data
 
 
@@ -248,6 +245,7 @@ def _described(unit: str, meaning: str) -> dict[str, str]:
 
 
 def points_of(sweep: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    """All combinations of the values of a sweep, the last parameter running fastest."""
     return [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
 
 

@@ -85,10 +85,9 @@ def run(
             raise InputError(
                 f"{kind.__name__}.{name} = {several}: must be one value, since all members of a file share its times"
             )
-    always = ("normal_stress",) if kind is Shear else ()
-    sweep = {name: v for name, v in table.items() if len(v) > 1 or name in always}
-    # what is fitted over comes last
-    sweep = {k: sweep[k] for k in sorted(sweep, key=lambda name: name in always)}
+    sweep = {name: v for name, v in table.items() if len(v) > 1}
+    if kind is Shear:  # what is fitted over is always there, and comes last
+        sweep["normal_stress"] = sweep.pop("normal_stress", table["normal_stress"])
     parameters = {name: v[0] for name, v in table.items() if name not in sweep}
     module = shear if kind is Shear else strait
     for point in ensemble.points_of(sweep):
