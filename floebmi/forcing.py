@@ -296,7 +296,7 @@ class VelocityFile:
         self._records: dict[int, np.ndarray] = {}
         said = dict.fromkeys(str(units or f.array.attrs.get("units")) for f in (u, v))
         self._text = (
-            f"{self._label} by {found.how} [{' and '.join(said)}{_times(factors)}]"
+            f"{self._label} by {found.how} [{' and '.join(said)}{_scaled_by(factors)}]"
             f"{', C grid' if centres.staggered else ''}{_levels(u)}; {centres.place.text};"
             f" {axes}{_turned_by(turned)}"
         )
@@ -374,8 +374,8 @@ class VelocityFile:
         mean_u = sparse.kron(sparse.identity(box.shape[0]), along_u, format="csr")
         mean_v = sparse.kron(along_v, sparse.identity(box.shape[1]), format="csr")
         water = None if self._mask is None else self._mask.read(box)
-        open_u = self._open(u, self._u_box, mean_u, water, ("mask_u", "umask"))
-        open_v = self._open(v, self._v_box, mean_v, water, ("mask_v", "vmask"))
+        open_u = self._where_open(u, self._u_box, mean_u, water, ("mask_u", "umask"))
+        open_v = self._where_open(v, self._v_box, mean_v, water, ("mask_v", "vmask"))
         flow_u, flow_v = mean_u @ open_u > 0, mean_v @ open_v > 0
         wet = (flow_u | flow_v if centres.staggered else flow_u & flow_v).reshape(box.shape)
         if water is not None:
@@ -384,7 +384,7 @@ class VelocityFile:
         to_v = mean_v @ sparse.diags(factors[1] * open_v)
         return to_u, to_v, wet
 
-    def _open(
+    def _where_open(
         self,
         part: Field,
         box: Box,
@@ -478,7 +478,7 @@ def _takes_three(function: Callable) -> bool:
     return True
 
 
-def _times(factors: list[float]) -> str:
+def _scaled_by(factors: list[float]) -> str:
     return "".join(f" × {f:.6g}" for f in dict.fromkeys(factors) if f != 1)
 
 

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 # A step of an axis so many times longer than both beside it is a hole, as a choice of longitudes leaves one.
 _HOLE = 3.0
-# Targets on the common edge of two quadrilaterals must not fall between them.
+# Targets on the common edge of two quadrilaterals must not fall between them; a weight no larger is none.
 _EDGE = 1e-9
 # Quadrilaterals tried for one target, nearest first; the second try is for very long ones.
 _TRIES = (12, 80)

@@ -173,10 +173,10 @@ def _check_number(place: str, value: object, hint: object) -> None:
             raise InputError(f"{place} = {value!r}: must be a {what} number")
         for part in parts:
             if type(part) in _BOUNDS:
-                name, holds, words = _BOUNDS[type(part)]
+                name, holds, relation = _BOUNDS[type(part)]
                 limit = getattr(part, name)
                 if not holds(one, limit):
-                    raise InputError(f"{place} = {value!r}: must be {words} {limit}")
+                    raise InputError(f"{place} = {value!r}: must be {relation} {limit}")
 
 
 def _laws(hint: object) -> list[type]:

@@ -260,14 +260,9 @@ class Parts(Table):
 
     model: Literal["parts"] = "parts"
     elastic: keyed(Elastic) = Field(Elastic(), description="normal elasticity")
-    friction: (
-        one_of(
-            "law",
-            {name: table_of(law, "law", name) for name, law in _FRICTIONS.items()},
-            "coulomb",
-        )
-        | None
-    ) = Field(None, description="friction, with rotation")
+    friction: one_of("law", _FRICTIONS, "coulomb") | None = Field(
+        None, description="friction, with rotation"
+    )
     bonds: keyed(TensileStrength) | None = Field(None, description="tensile strength")
     dashpot: keyed(Restitution) | None = Field(None, description="normal damping")
     failure: keyed(CompressiveFailure) | None = Field(
@@ -284,12 +279,7 @@ class Parts(Table):
 _CONTACTS = {"frictional": frictional, "cohesive": cohesive}
 ContactTable = word_or(
     Literal["frictional", "cohesive", "none"],
-    one_of(
-        "model",
-        {word: table_of(make, "model", word) for word, make in _CONTACTS.items()}
-        | {"parts": Parts},
-        "parts",
-    ),
+    one_of("model", {**_CONTACTS, "parts": Parts}, "parts"),
 )
 
 

@@ -33,7 +33,7 @@ from floebmi.scene_keys import (
     ScenePath,
 )
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
-from floebmi.tables import Table, law_of, one_of, table_of
+from floebmi.tables import Table, law_of, one_of
 
 if TYPE_CHECKING:
     from floebmi.coast import Coast
@@ -78,11 +78,7 @@ _SIZE_LAWS = {
     "single": SingleSize,
     "histogram": Histogram,
 }
-SizeTable = one_of(
-    "distribution",
-    {word: table_of(law, "distribution", word) for word, law in _SIZE_LAWS.items()}
-    | {"file": SizesFromFile},
-)
+SizeTable = one_of("distribution", {**_SIZE_LAWS, "file": SizesFromFile})
 
 
 def sizes_of(table: Any, folder: Path) -> Any:

@@ -123,9 +123,13 @@ class ByKey:
         return _tag("" if word is None else word)
 
 
-def one_of(key: str, tables: dict[str, Any], default: str | None = None) -> Any:
-    """The type of a table whose `key` says which of `tables` it is."""
-    members = [Annotated[table, Tag(_tag(word))] for word, table in tables.items()]
+def one_of(key: str, choices: dict[str, Any], default: str | None = None) -> Any:
+    """The type of a table whose `key` says which of the choices, tables or laws, it is."""
+    members = []
+    for word, choice in choices.items():
+        is_table = isinstance(choice, type) and issubclass(choice, Table)
+        table = choice if is_table else table_of(choice, key, word)
+        members.append(Annotated[table, Tag(_tag(word))])
     return Annotated[Union[tuple(members)], Discriminator(ByKey(key, default))]  # noqa: UP007
 
 
@@ -535,9 +539,8 @@ _BOUNDS = {
 def _message(declaration: Any, errors: list) -> str:
     """What would be right; where several types are allowed, all of them."""
     messages = list(dict.fromkeys(_message_of(declaration, error) for error in errors))
-    parts = [message.removeprefix("must be ") for message in messages]
-    if len(messages) > 1 and all(message.startswith("must be ") for message in messages):
-        return "must be " + ", or ".join(parts)
+    if all(message.startswith("must be ") for message in messages):
+        return "must be " + ", or ".join(text.removeprefix("must be ") for text in messages)
     return messages[0]
 
 

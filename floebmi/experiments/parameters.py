@@ -30,7 +30,6 @@ class Row(NamedTuple):
 
 
 Share = Annotated[float, Gt(0), Lt(1)]
-Count = Annotated[float, Ge(1)]
 
 FRICTION = Row(
     "1",
@@ -62,7 +61,7 @@ class Shear(NamedTuple):
     friction: Annotated[NonNegative, FRICTION] = 0.3
     tensile_strength: Annotated[NonNegative, TENSILE] = 0.0
     normal_stress: Annotated[Positive, Row("Pa", "stress N of the wall on top", "stated: 5 to 80 kPa")] = 20e3  # fmt: skip
-    floes: Annotated[Count, Row("1", "number of floes", "chosen: at least 1000")] = 1000
+    floes: Annotated[float, Ge(1), Row("1", "number of floes", "chosen: at least 1000")] = 1000
     height: Annotated[Positive, Row("m", "height of the settled pack, about", "chosen: the inertia number is then 2e-3 to 1e-2 for 80 to 5 kPa")] = 1300.0  # fmt: skip
     radius_min: Annotated[Positive, Row("m", "smallest radius", "stated: 5 m")] = 5.0
     radius_max: Annotated[Positive, Row("m", "largest radius", "stated: 50 m")] = 50.0
