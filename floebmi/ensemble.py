@@ -118,24 +118,16 @@ def run(
             )
     sweep = {name: tuple(values) for name, values in sweep.items()}
     points = points_of(sweep)
-    names: dict[tuple[int, int], Path] = {}
-    for (p, point), (s, seed) in itertools.product(enumerate(points), enumerate(seeds)):
-        words = _words(point, seed)
-        names[p, s] = folder / f"{words.replace('/', '%2F')}.npz"  # a value may be a path
-    if len(set(names.values())) < len(names):
-        twice = [path for path, times in Counter(names.values()).items() if times > 1]
-        raise InputError(
-            f"ensemble: several members are {twice[0].stem}: values and seeds must differ, numbers in their first 12 digits"
-        )
+    files = _files(folder, points, seeds)
     _claim(folder, member, parameters)
     done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
-    done.members.update({key: _load(path) for key, path in names.items() if path.exists()})
-    left = [key for key in names if key not in done.members]
+    done.members.update({key: _load(path) for key, path in files.items() if path.exists()})
+    left = [key for key in files if key not in done.members]
 
     def arguments(key: tuple[int, int]) -> tuple[Member, dict[str, Any], int]:
         return member, {**parameters, **points[key[0]]}, seeds[key[1]]
 
-    with _bar(len(names), len(done.members), progress) as bar:
+    with _bar(len(files), len(done.members), progress) as bar:
 
         def keep(key: tuple[int, int], result: Mapping[str, np.ndarray] | Exception) -> None:
             if not isinstance(result, Mapping | Exception):
@@ -150,7 +142,7 @@ def run(
                 bar.write(f"member failed: {failure}")
             else:
                 arrays = {name: np.asarray(value) for name, value in result.items()}
-                _store(names[key], arrays)
+                _store(files[key], arrays)
                 done.members[key] = arrays
             bar.update()
 
@@ -163,7 +155,7 @@ def run(
                     _spread(some, arguments, keep, jobs or cores(), on)
         except KeyboardInterrupt as error:
             error.add_note(
-                f"{len(done.members)} of {len(names)} members are finished, and will not be run again"
+                f"{len(done.members)} of {len(files)} members are finished, and will not be run again"
             )
             raise
     return done
@@ -252,6 +244,23 @@ def points_of(sweep: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
 def _words(point: Mapping[str, Any], seed: int) -> str:
     return ",".join([f"{name}={value:.12g}" if isinstance(value, float) else f"{name}={value}"
                      for name, value in point.items()] + [f"seed={seed}"])  # fmt: skip
+
+
+def _files(
+    folder: Path, points: Sequence[Mapping[str, Any]], seeds: Sequence[int]
+) -> dict[tuple[int, int], Path]:
+    """The file of each member; InputError if two would have one."""
+    files = {
+        (p, s): folder / f"{_words(point, seed).replace('/', '%2F')}.npz"  # a value may be a path
+        for p, point in enumerate(points)
+        for s, seed in enumerate(seeds)
+    }
+    twice = [path for path, times in Counter(files.values()).items() if times > 1]
+    if twice:
+        raise InputError(
+            f"ensemble: several members are {twice[0].stem}: values and seeds must differ, numbers in their first 12 digits"
+        )
+    return files
 
 
 def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:

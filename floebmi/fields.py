@@ -548,13 +548,13 @@ _FRACTIONS = {
 }
 
 
-def _words(units: object) -> str:
+def _tidy(units: object) -> str:
     return " ".join(str(units if units is not None else "").strip().lower().split())
 
 
 def velocity_factor(units: str | None, where: str) -> float:
     """Factor from `units` to m s-1: any length per time ("m s-1", "cm/s", "km h**-1"), or knots."""
-    text = _words(units)
+    text = _tidy(units)
     if text in _KNOTS:
         return 1852.0 / 3600.0
     match = re.fullmatch(r"([a-z]+) ?(?:/|per) ?([a-z]+)", text)
@@ -566,21 +566,21 @@ def velocity_factor(units: str | None, where: str) -> float:
 
 def length_factor(units: str | None, where: str, remedy: str = BY_OPTION) -> float:
     """Factor from `units` to m."""
-    if _words(units) not in LENGTHS:
+    if _tidy(units) not in LENGTHS:
         raise InputError(_unknown(units, where, "a length: m, km, cm", remedy))
-    return LENGTHS[_words(units)]
+    return LENGTHS[_tidy(units)]
 
 
 def fraction_factor(units: str | None, where: str) -> float:
     """Factor from `units` to 1; no units at all is 1."""
-    if _words(units) not in _FRACTIONS:
+    if _tidy(units) not in _FRACTIONS:
         raise InputError(_unknown(units, where, "a fraction: 1 or %", IN_FILE))
-    return _FRACTIONS[_words(units)]
+    return _FRACTIONS[_tidy(units)]
 
 
 def is_percent(units: str | None) -> bool:
     """Whether a fraction in these units is 100 where it is whole."""
-    return _FRACTIONS.get(_words(units)) == 0.01
+    return _FRACTIONS.get(_tidy(units)) == 0.01
 
 
 def _unknown(units: str | None, where: str, right: str, remedy: str = BY_OPTION) -> str:
