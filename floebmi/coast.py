@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
-from floebmi.quantities import FARTHEST, is_number, unmasked
+from floebmi.quantities import FARTHEST, check_length, unmasked
 
 if TYPE_CHECKING:
     import shapely
@@ -364,9 +364,8 @@ def _projected(
 
 
 def _check_size(radius: float, thickness: float) -> None:
-    for name, value in (("radius", radius), ("thickness", thickness)):
-        if not (is_number(value) and value > 0):
-            raise InputError(f"coast {name} = {value!r} m; must be greater than 0")
+    check_length("coast radius", radius)
+    check_length("coast thickness", thickness)
 
 
 def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from floebmi.grid import Grid, check_grid
 from floebmi.laying import ground_of, settle, spread, thin_out
 from floebmi.neighbours import sort_in_space
 from floebmi.pressing import SPARE, press
-from floebmi.quantities import FARTHEST, flat, is_number, number_in, unmasked
+from floebmi.quantities import FARTHEST, check_length, flat, is_number, number_in, unmasked
 from floebmi.sampling import check_images
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
@@ -78,8 +78,7 @@ def scatter(
             f"concentration = {concentration}, count = {count}: give one of them, not both"
         )
     rng = _generator(seed)
-    if not (is_number(thickness) and thickness > 0):
-        raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
+    check_length("thickness", thickness)
     barrier = barrier_of(land, domain, sizes.range[0])
     room = domain.area - barrier.area
     if room <= 1e-9 * domain.area:
@@ -89,8 +88,7 @@ def scatter(
             raise InputError(f"count = {count!r}; must be a whole number, at least 0")
         radius = sizes.draw(int(count), rng)
     else:
-        if not (is_number(concentration) and 0 < concentration < 1):
-            raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+        _check_concentration(concentration)
         radius = _draw_area(sizes, concentration * room, rng)
     asked = f"concentration = {concentration:g}" if count is None else f"count = {count}"
     filled = float(np.pi * np.sum(radius**2)) / room
@@ -253,8 +251,7 @@ def regular(
         raise InputError(
             f"spacing = {spacing}, concentration = {concentration}: give one of them, not both"
         )
-    if not (is_number(radius) and radius > 0):
-        raise InputError(f"radius = {radius!r} m; must be greater than 0")
+    check_length("radius", radius)
     if spacing is not None:
         if not (is_number(spacing) and spacing >= 2 * radius):
             raise InputError(f"spacing = {spacing!r} m; must be at least 2 radii, {2 * radius:g} m")
@@ -296,8 +293,8 @@ def read_floes(
         naming file, row or feature, column and value.
     """
     path = Path(path)
-    if thickness is not None and not (is_number(thickness) and thickness > 0):
-        raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
+    if thickness is not None:
+        check_length("thickness", thickness)
     suffix = path.suffix.lower()
     if suffix == ".csv":
         if projection is not None:
@@ -412,8 +409,7 @@ def _rows_of_concentration(
     domain: Domain, radius: float, concentration: float | None, lattice: str
 ) -> _Rows:
     """The lattice nearest to a concentration of all that fit, with as little stretch as that allows."""
-    if not (is_number(concentration) and 0 < concentration < 1):
-        raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+    _check_concentration(concentration)
     per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
     ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
     # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
@@ -546,6 +542,11 @@ def _check_ice(fraction: np.ndarray, depth: np.ndarray, grid: Grid) -> None:
         cells = np.flatnonzero(~good & grid.wet)
         if cells.size:
             raise InputError(f"{name} of cell {cells[0]} = {values[cells[0]]}; {right}")
+
+
+def _check_concentration(concentration: object) -> None:
+    if not (is_number(concentration) and 0 < concentration < 1):
+        raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
 
 
 def _generator(seed: int) -> np.random.Generator:

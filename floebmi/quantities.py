@@ -122,6 +122,12 @@ def is_number(value: object) -> bool:
     return real and bool(np.isfinite(array))
 
 
+def check_length(name: str, value: object) -> None:
+    """InputError for what is no length [m] greater than 0."""
+    if not (is_number(value) and value > 0):
+        raise InputError(f"{name} = {value!r} m; must be greater than 0")
+
+
 def two_numbers(pair: object) -> tuple[float, float] | None:
     """The two numbers of a tuple, a list, an array or a column of a table; None of all else."""
     row = list(pair) if np.iterable(pair) and hasattr(pair, "__getitem__") else []
