@@ -172,16 +172,16 @@ def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | No
     """Dimensions, coordinates, bounds, areas and mask of a grid."""
     if grid.kind == "unstructured":
         dimensions = (f"cell{suffix}",)
-        corners = _define_mesh
+        define = _define_mesh
     elif grid.x_edges is None:
         dimensions = (f"j{suffix}", f"i{suffix}")
-        corners = _define_corners
+        define = _define_corners
     else:
         dimensions = (f"y{suffix}", f"x{suffix}")
-        corners = _define_edges
+        define = _define_edges
     for name, size in zip(dimensions, grid.shape, strict=True):
         data.createDimension(name, size)
-    attributes = corners(data, grid, suffix, dimensions)
+    attributes = define(data, grid, suffix, dimensions)
     if projection is not None:
         attributes["grid_mapping"] = "crs"
         _define_geographic(data, grid, suffix, dimensions, projection)

@@ -65,7 +65,6 @@ def notes(model: "Model") -> list[str]:
                 f"{name} drag on these floes is that of C_d = {low:.2g} to {high:.2g} on their area, "
                 f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
             )
-        assert fluid is not None
         over, free = _over_dry_cells(fluid.grid, model)
         coast = model.floes.land.any()
         if over or not (coast or fluid.grid.wet.all()):

@@ -363,7 +363,6 @@ class CoriolisTable(Table):
     def build(self) -> Coriolis:
         if self.latitude is not None:
             return Coriolis(2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude)))
-        assert self.parameter is not None
         return Coriolis(self.parameter)
 
 
@@ -551,7 +550,7 @@ class Scene(Table):
             ("ocean", built.ocean, built.model.ocean),
             ("atmosphere", built.atmosphere, built.model.atmosphere),
         ):
-            if source is not None and fluid is not None:
+            if source is not None:
                 with self.place(table):
                     check_forcing(source, fluid, start, end)
 
@@ -725,7 +724,6 @@ class Scene(Table):
             )
         from floebmi.scalars import read_scalar
 
-        assert table.file is not None
         if grid is None or len(grid.shape) != 2:
             raise InputError("file: needs a [grid] of rows and columns, on which land is found")
         land = read_scalar(
@@ -769,7 +767,7 @@ class Scene(Table):
         return None, calendar
 
     def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "VelocitySource | None":
-        if table is None or fluid is None:
+        if table is None:
             return None
         from floebmi import forcing
 
