@@ -171,12 +171,12 @@ class Function:
                 raise InputError(
                     f"Function {name} at t = {t:g} s: shape {values.shape}; must be {out.shape}"
                 )
-            bad = np.flatnonzero(~np.isfinite(np.atleast_1d(values)))
+            bad = np.flatnonzero(~np.isfinite(values))
             if bad.size:
                 c = int(bad[0])
                 raise InputError(
                     f"Function {name} at t = {t:g} s, cell {c} (x = {self._x[c]:g}, y = {self._y[c]:g} m):"
-                    f" {np.atleast_1d(values)[c]}; must be finite"
+                    f" {values.flat[c]}; must be finite"
                 )
             out[:] = values
 
@@ -202,8 +202,7 @@ class VelocityFile:
     variables : names (u, v); default: by standard_name, else by well-known names
     start : the date of t = 0; default: the first record
     vectors : "east-north" (components along east and north) or "grid" (along the source's own axes, positive where
-        their coordinates grow);
-        "auto" takes what standard_name, a staggered grid, or an `angle` says
+        their coordinates grow); "auto" takes what standard_name, a staggered grid, or an `angle` says
     stagger : see `floebmi.cgrid`
     depth : of all levels the one nearest to this depth, of wind to this height, is taken [m]; default: the surface of
         the ocean, wind at 10 m
