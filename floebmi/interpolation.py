@@ -237,7 +237,7 @@ def nearest(
     wet : (ny, nx) bool
     """
     points = np.flatnonzero(wet.ravel() & np.isfinite(source[0].ravel()))
-    if not (points.size and rows.size):
+    if not points.size:
         return matrix, 0.0
     tree = cKDTree(np.stack([source[0].ravel()[points], source[1].ravel()[points]], axis=1))
     away, k = tree.query(np.stack([target[0][rows], target[1][rows]], axis=1))

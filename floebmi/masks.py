@@ -38,10 +38,9 @@ class Mask(NamedTuple):
         """True where there is water, in a box; no value is land."""
         array = self.file.data[self.name]
         index: dict[str, object] = {d: 0 for d in array.dims if d not in self.dims}
-        if self.dims:
-            index |= dict(zip(self.dims, box, strict=True))
+        index |= dict(zip(self.dims, box, strict=True))
         values = np.asarray(array.isel(index).transpose(*self.dims).values, float)
-        values = values.reshape(box.shape) * (0.01 if is_percent(array.attrs.get("units")) else 1.0)
+        values = values * (0.01 if is_percent(array.attrs.get("units")) else 1.0)
         part = 0.0 if self.name.lower().startswith("hfac") else 0.5  # hFacC is a share of the depth
         return (values if self.water == 1 else 1 - values) > part
 
@@ -54,8 +53,6 @@ def find_mask(
     Without names, masks are known by standard_name, then by well-known names; those of other points of a
     staggered grid have other dimensions.
     """
-    if not dims:
-        return None
     fitting = [
         str(name)
         for name, a in file.data.variables.items()

@@ -46,7 +46,7 @@ def check(laws: Iterable[object]) -> None:
             place = f"{type(law).__name__}.{name}"
             if not laws_of[name]:
                 _check_number(place, value, hints[name])
-            elif value is not None or type(None) not in _parts(hints[name]):
+            elif value is not None or type(None) not in type_parts(hints[name]):
                 _check_law(place, value, laws_of[name], known)
 
 
@@ -164,7 +164,7 @@ def words(law: tuple) -> str:
 
 
 def _check_number(place: str, value: object, hint: object) -> None:
-    parts = list(_parts(hint))
+    parts = list(type_parts(hint))
     whole = int in parts
     if not (whole or float in parts) or (value is None and type(None) in parts):
         return
@@ -187,12 +187,14 @@ def _check_number(place: str, value: object, hint: object) -> None:
 
 def _laws(hint: object) -> list[type]:
     """The kinds of law that a type allows."""
-    return [part for part in _parts(hint) if isinstance(part, type) and hasattr(part, "_fields")]
+    return [
+        part for part in type_parts(hint) if isinstance(part, type) and hasattr(part, "_fields")
+    ]
 
 
-def _parts(hint: object) -> Iterator[object]:
+def type_parts(hint: object) -> Iterator[object]:
     """A type, what it is made of, and the bounds that it carries."""
     yield getattr(hint, "__origin__", hint)
     yield from getattr(hint, "__metadata__", ())
     for inner in get_args(hint):
-        yield from _parts(inner)
+        yield from type_parts(inner)

@@ -31,6 +31,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from floebmi.errors import InputError, choose
+from floebmi.quantities import type_parts
 
 
 class Table(BaseModel):
@@ -263,17 +264,6 @@ def _allowed_keys(root: Any, loc: tuple) -> list[str]:
     ]
 
 
-def _discriminator(hint: Any) -> Any:
-    if get_origin(hint) is Annotated:
-        for note in get_args(hint)[1:]:
-            if isinstance(note, Discriminator):
-                return note.discriminator
-        return _discriminator(get_args(hint)[0])
-    if get_origin(hint) in (Union, types.UnionType):
-        return next(filter(None, map(_discriminator, get_args(hint))), None)
-    return None
-
-
 # ---- files ------------------------------------------------------------------------------------
 
 
@@ -455,8 +445,10 @@ def _path(declaration: Any, error: Any, tables: Any) -> tuple:
 
 
 def _key_of_choice(declaration: Any, loc: tuple) -> str:
-    found = map(_discriminator, _declared(declaration, loc))
-    return next((choice.key for choice in found if isinstance(choice, ByKey)), "")
+    """The key whose word picks the table there."""
+    parts = (part for hint in _declared(declaration, loc) for part in type_parts(hint))
+    choices = (part.discriminator for part in parts if isinstance(part, Discriminator))
+    return next((choice.key for choice in choices if isinstance(choice, ByKey)), "")
 
 
 def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | None:
