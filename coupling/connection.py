@@ -14,7 +14,7 @@ import numpy as np
 from coupling.regrid import Regrid
 from coupling.side import Side
 from coupling.units import converter, in_pascals
-from floebmi.errors import InputError
+from floebmi.errors import InputError, is_word
 
 Kind = Literal["integral", "mean"]
 
@@ -205,7 +205,7 @@ def connect(
     weight = link.weight or OVER_ICE.get(link.source)
     per_area = weight is None and is_per_area(link.source)
     kind = link.kind or ("integral" if per_area else "mean")
-    if kind not in ("integral", "mean"):
+    if not is_word(kind, ("integral", "mean")):
         raise InputError(f"couple: kind = {kind!r} of {target}: allowed: integral, mean")
     if weight is not None and (kind == "integral" or weight not in giver.outputs):
         raise InputError(

@@ -30,7 +30,8 @@ Only BMI calls are made, so either model may be in another process (grpc4bmi).  
   Coordinates are metres in one plane for both models; masks come with a given `Grid`, BMI has none.
 - *Time.*  Units of both clocks are compared; a model that does not land on the exchange time ends the run.
 - *After a fault.*  Where the floes stand one exchange ahead, the host gets first what it missed: the same `Coupling`
-  knows the impulse, a new one takes the floes' mean over their last update for it.
+  knows the impulse, a new one takes the floes' mean over their last update for it.  An exchange that the host has felt
+  has its line, if something fails right after it, too.
 
 The ledger has a line for each exchange, of momentum [N s] along x and y (`coupling.ledger`).  `floes` and `other` of it are
 read from scalar outputs of the floes, `host` from those of the host.
@@ -42,7 +43,8 @@ an axis the first four are nan, and so is the line's residual.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -54,9 +56,10 @@ from coupling.connection import Connection, Link, axis_of, connect, instant_name
 from coupling.ledger import HEADER, Exchange
 from coupling.regrid import Regrid, checksum
 from coupling.side import CouplingError, Side, first_line, in_one_line, same_time
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.files import path_of
 from floebmi.grid import Grid
-from floebmi.quantities import is_number
+from floebmi.quantities import check_table, is_number
 
 ON_WATER = "sea_ice_bottom_water_flowing__"  # stresses with this beginning are in the ledger
 BOTTOM = "_bottom_water_flowing__"  # stresses on the water, per cell area and per ice area
@@ -160,6 +163,13 @@ class Coupling:
             raise InputError(f"couple: every = {every!r} s: must be greater than 0")
         if offset is not None and not is_number(offset):
             raise InputError(f"couple: offset = {offset!r} s: must be a finite number")
+        for name, table in (
+            ("to_floes", to_floes), ("to_host", to_host), ("units", units), ("host_grids", host_grids),
+            ("floes_grids", floes_grids), ("regrids", regrids),
+        ):  # fmt: skip
+            check_table(f"couple: {name}", table)
+        if rescue is not None:
+            path_of("couple: rescue", rescue)
         _check_kind("host_grids", host_grids, Grid)
         _check_kind("floes_grids", floes_grids, Grid)
         _check_kind("regrids", regrids, Regrid)
@@ -187,6 +197,7 @@ class Coupling:
         )
         self._turnover = 0.0
         self._begun: float | None = None  # of the floes, at the last `remember` [s]
+        self._unbooked: _Unbooked | None = None  # what the host was given last, until it is booked
         self.ledger: list[Exchange] = []
 
     def _refuse_idle(
@@ -195,7 +206,7 @@ class Coupling:
         """What was given for a name or grid that is nowhere was given for another."""
         names = {name for side in (self.host, self.floes) for name in (*side.inputs, *side.outputs)}
         for name in units:
-            if name not in names:
+            if not is_word(name, names):
                 raise InputError(
                     f"couple: units of {name!r}: no such variable; {choose(name, names)}"
                 )
@@ -213,7 +224,7 @@ class Coupling:
         self, giver: Side, taker: Side, explicit: Mapping[str, str | Link | None]
     ) -> list[Connection]:
         for name in explicit:
-            if name not in taker.inputs:
+            if not is_word(name, taker.inputs):
                 raise InputError(
                     f"couple: {name!r} is not an input of the {taker.name};"
                     f" {choose(name, taker.inputs)}"
@@ -229,7 +240,7 @@ class Coupling:
             if not isinstance(link, Link):
                 raise InputError(f"couple: {name}: {link!r}: must be a name, a Link or None")
             for output in filter(None, (link.source, link.weight)):
-                if output not in giver.outputs:
+                if not is_word(output, giver.outputs):
                     raise InputError(
                         f"couple: {output!r} is not an output of the {giver.name};"
                         f" {choose(output, giver.outputs)}"
@@ -260,18 +271,30 @@ class Coupling:
 
     def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
         """Exchange until a time of the floes' clock [s]; returns the ledger so far.  Raises as `couple` does."""
+        if not (show is None or callable(show)):
+            raise InputError(f"couple: show = {in_line(show)}: must be a function, such as print")
         known = len(self.ledger)
-        with in_one_line("couple: before the first exchange"):
-            count, start = self._prepare(until)
-        if show is not None:
-            show(repr(self))
-            show(HEADER)
-            for line in self.ledger[known:]:
-                show(str(line))
+
+        def tell(*heading: str) -> None:
+            nonlocal known
+            for line in (*heading, *map(str, self.ledger[known:])):
+                if show is not None:
+                    show(line)
+            known = len(self.ledger)
+
+        try:
+            with in_one_line("couple: before the first exchange"):
+                count, start = self._prepare(until)
+        except Exception:
+            if len(self.ledger) > known:
+                tell(HEADER)
+            raise
+        tell(repr(self), HEADER)
         for k in range(1, count + 1):
-            line = self.exchange(start + k * self.every if k < count else float(until))
-            if show is not None:
-                show(str(line))
+            try:
+                self.exchange(start + k * self.every if k < count else float(until))
+            finally:  # the line of an exchange after whose end something failed, too
+                tell()
         return self.ledger
 
     def _prepare(self, until: float) -> tuple[int, float]:
@@ -296,20 +319,20 @@ class Coupling:
 
     def exchange(self, until: float) -> Exchange:
         """One exchange, to a time of the floes' clock [s]; CouplingError, in one line, if anything fails in it."""
-        begin = ""
+        begin, number = "", len(self.ledger) + 1
         try:
             now = self.floes.time()
             begin = f"{now:g} "
-            line = self._exchange(now, until)
+            with self._books_kept():
+                self._exchange(now, until)
         except Exception as error:
             raise CouplingError(
-                f"exchange {len(self.ledger) + 1}, {begin}… {until:g} s: {first_line(error)}"
-                f"; {self._save()}"
+                f"exchange {number}, {begin}… {until:g} s: {first_line(error)}; {self._save()}"
             ) from error
-        self.ledger.append(line)
-        return line
+        return self.ledger[-1]
 
-    def _exchange(self, now: float, until: float) -> Exchange:
+    def _exchange(self, now: float, until: float) -> None:
+        self._book()
         host_now = self.host.time()
         if not same_time(host_now, now + self.offset, self.every):
             raise InputError(
@@ -319,21 +342,51 @@ class Coupling:
         self._give_states()
         self.floes.update_until(until, self.every)
         stress = self._give_back(until - now, lambda c: c.scaled(c.since(), until - now))
-        self.host.update_until(until + self.offset, self.every)
-        after = self._accounts()
-        change = {name: after[name] - before[name] for name in after}
-        return self._line(until, until - now, stress, change)
+        self._step_host(_Unbooked(until, until - now, stress, before))
 
-    def _line(
-        self, time: float, duration: float, stress: _Impulse, change: dict[str, np.ndarray]
-    ) -> Exchange:
-        self._turnover += stress.turned  # an exchange that fails and is made up for counts once
-        return Exchange.balanced(
+    def _step_host(self, exchange: _Unbooked) -> None:
+        """Let the host feel what it was given, and book it."""
+        self._unbooked = exchange
+        self.host.update_until(exchange.time + self.offset, self.every)
+        self._book()
+
+    def _book(self, failed: bool = False) -> None:
+        """The line of an exchange that the host has felt, which its clock tells; of none or another there is nothing to book.
+
+        failed : what a model can no longer say of itself is left open
+        """
+        exchange = self._unbooked
+        if exchange is None:
+            return
+        time, duration, stress, before = exchange
+        if not same_time(self.host.time(), time + self.offset, self.every):
+            return
+        try:
+            after = self._accounts()
+        except Exception:
+            if not failed:
+                raise
+            after = {}
+        change = {name: after[name] - before[name] for name in before.keys() & after.keys()}
+        turnover = self._turnover + stress.turned  # what fails and is made up for counts once
+        line = Exchange.balanced(
             len(self.ledger) + 1, time, duration,
-            given=stress.given, taken=stress.taken, missed=stress.missed, turnover=self._turnover,
+            given=stress.given, taken=stress.taken, missed=stress.missed, turnover=turnover,
             floes=change.get("floes"), other=change.get("other"), no_water=change.get("no water"),
             host=change.get("host"), seen=stress.axes == {0, 1},
         )  # fmt: skip
+        self.ledger.append(line)
+        self._turnover, self._unbooked = turnover, None
+
+    @contextmanager
+    def _books_kept(self) -> Iterator[None]:
+        """What fails in here after the host's step is in the ledger all the same."""
+        try:
+            yield
+        except Exception:
+            with suppress(Exception):  # the first error is the one to tell
+                self._book(failed=True)
+            raise
 
     def _save(self) -> str:
         """Save the floes' state after a failure; what came of it, in words."""
@@ -357,6 +410,7 @@ class Coupling:
         the mean over their last update is taken.  What the floes have become in it nobody knows any more; the line leaves
         that out.
         """
+        self._book()  # what a host felt that did not answer any more is told by its clock now
         now, host_now = self.floes.time(), self.host.time()
         if same_time(host_now, now + self.offset, self.every):
             return
@@ -369,15 +423,13 @@ class Coupling:
                 f"couple: the host is at {host_now:.12g} s, the floes at {now:.12g} s, which should be"
                 f" {now + self.offset:.12g} s of the host; say otherwise with offset"
             )
-        before = self._accounts()
+        before = {name: total for name, total in self._accounts().items() if name == "host"}
         stress = self._give_back(
             self.every,
             lambda c: c.scaled(c.since() if known else c.instant(), self.every, was_mean=not known),
         )
-        self.host.update_until(now + self.offset, self.every)
-        after = self._accounts()
-        change = {name: after[name] - before[name] for name in after if name == "host"}
-        self.ledger.append(self._line(now, self.every, stress, change))
+        with self._books_kept():
+            self._step_host(_Unbooked(now, self.every, stress, before))
 
     def _give_states(self) -> None:
         for side in (self.host, self.floes):
@@ -449,3 +501,12 @@ class _Impulse(NamedTuple):
     missed: np.ndarray
     axes: set[int]
     turned: float = 0.0  # Σ |.| over cells and axes
+
+
+class _Unbooked(NamedTuple):
+    """An exchange that the host was given: its end and length [s], its impulse, and the accounts before it [N s]."""
+
+    time: float
+    duration: float
+    stress: _Impulse
+    before: dict[str, np.ndarray]

@@ -48,8 +48,8 @@ from typing import TYPE_CHECKING, Literal, final
 import numpy as np
 
 from floebmi.arrays import digest
-from floebmi.errors import InputError, choose
-from floebmi.files import check_target, in_one_go, new_file
+from floebmi.errors import InputError, choose, is_word
+from floebmi.files import attributes_of, check_target, in_one_go, new_file, path_of
 from floebmi.grid import Grid, check_grid
 from floebmi.projection import to_plane
 from floebmi.quantities import flat, is_number, unmasked
@@ -118,7 +118,7 @@ class Regrid:
         radius: float = EARTH_RADIUS,
         source_area: np.ndarray | None = None,
     ) -> None:
-        if surface not in ("plane", "sphere"):
+        if not is_word(surface, ("plane", "sphere")):
             raise InputError(
                 f"regrid: surface = {surface!r}: {choose(surface, ('plane', 'sphere'))}"
             )
@@ -303,10 +303,11 @@ class Regrid:
                 fields[f"{axis}v_{side}"] = corner, f"{cells} {corners}", unit, f"{axis} of corners"
             shape = np.array(grid.shape[::-1], np.int32)  # as Fortran has it: x first
             fields[f"{word}_grid_dims"] = shape, rank, "1", "cells along each axis"
-        path = Path(path)
+        path = path_of("path", path)
         check_target(path, overwrite=True)
         with in_one_go(path) as part, new_file(part) as file:
-            file.title = "weights of conservative regridding, laid out as those of ESMF"
+            told = attributes_of("weights of conservative regridding, laid out as those of ESMF")
+            file.setncatts({name: told[name] for name in ("title", "source", "history")})  # no CF
             file.format = FORMAT
             file.map_method = "first-order conservative"
             file.normalization = "destarea"
@@ -335,7 +336,7 @@ class Regrid:
 
         check_grid("source", source)
         check_grid("target", target)
-        path = Path(path)
+        path = path_of("path", path)
         if not path.is_file():
             raise InputError(f"{path}: there is no such file")
         damaged = InputError(f"{path}: is no NetCDF file, or a damaged one; make the weights anew")
@@ -461,7 +462,7 @@ def _check_radius(radius: float) -> None:
 def _by_area(normalisation: Normalisation) -> bool:
     """Whether a state is the mean over the whole target cell, not over its covered part."""
     words = ("fraction", "destination_area")
-    if normalisation not in words:
+    if not is_word(normalisation, words):
         raise InputError(
             f"regrid: normalisation = {normalisation!r}: {choose(normalisation, words)}"
         )

@@ -36,15 +36,17 @@ A configuration file (TOML):
 from __future__ import annotations
 
 import sys
-from pathlib import Path
+from numbers import Integral
 from typing import final
 
 import numpy as np
 from bmipy import Bmi
 
-from floebmi.errors import InputError, choose
+from floebmi.bmi_buffers import copied, indices_of, numbers_of
+from floebmi.errors import InputError, choose, is_word
+from floebmi.files import path_of
 from floebmi.grid import Grid
-from floebmi.quantities import NonNegative, Positive
+from floebmi.quantities import NonNegative, Positive, is_number
 from floebmi.tables import Table, parse, read_text, validate
 
 FIELDS, WHOLE = 0, 1  # the two BMI grids: cells, and the ocean as one number
@@ -124,11 +126,11 @@ class TwoSlabOcean(Bmi):
 
     def initialize(self, config_file: str) -> None:
         """Read the configuration (TOML) and start at rest or with the velocities that it gives."""
-        if not config_file:
+        if config_file is None or isinstance(config_file, str) and not config_file:
             raise InputError(
                 "initialize: a configuration file (TOML) is needed, with a table [grid]"
             )
-        path = Path(config_file)
+        path = path_of("config_file", config_file)
         settings = validate(Settings, parse(read_text(path), str(path)), str(path))
         grid = Grid.uniform(settings.grid.x, settings.grid.y, settings.grid.spacing)
         self._settings, self._grid, self._time = settings, grid, 0.0
@@ -146,7 +148,9 @@ class TwoSlabOcean(Bmi):
     def update_until(self, time: float) -> None:
         """Advance to `time` [s] in whole steps and a shorter last one; lands exactly on it."""
         now = self.get_current_time()
-        if not np.isfinite(time) or time < now:
+        if not is_number(time):
+            raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
+        if time < now:
             raise InputError(f"update_until: time = {time} s is before the current time, {now} s")
         step = self._settings.time.step
         steps = int(np.ceil((time - now) / step - 1e-9))
@@ -195,12 +199,12 @@ class TwoSlabOcean(Bmi):
 
     @staticmethod
     def _grid_of(name: str) -> int:
-        if name not in UNITS:
+        if not is_word(name, UNITS):
             raise InputError(f"variable {name!r}: unknown; {choose(name, UNITS)}")
         return WHOLE if name in MOMENTUM + RECEIVED else FIELDS
 
     def _cells(self, grid: int) -> Grid:
-        if grid != FIELDS:
+        if not isinstance(grid, Integral) or grid != FIELDS:
             raise InputError(f"grid {grid}: not a grid of cells; {choose(grid, ['0'])}")
         if not self._values:
             raise InputError("grid 0: call initialize first")
@@ -265,15 +269,14 @@ class TwoSlabOcean(Bmi):
         return self._settings.time.step
 
     def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
-        dest[:] = self._array(name)
-        return dest
+        return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
         return self._array(name)
 
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
-        dest[:] = self._array(name)[inds]
-        return dest
+        values = self._array(name)
+        return copied(values[indices_of(name, inds, values.size)], dest, name)
 
     def set_value(self, name: str, src: np.ndarray) -> None:
         self.set_value_at_indices(name, np.arange(self._array(name).size), src)
@@ -282,9 +285,8 @@ class TwoSlabOcean(Bmi):
         array = self._array(name)
         if name not in INPUTS:
             raise InputError(f"{name}: an output; inputs are {', '.join(INPUTS)}")
-        values, inds = np.asarray(src, np.float64).ravel(), np.asarray(inds).ravel()
-        if values.size != inds.size:
-            raise InputError(f"{name}: {values.size} values for {inds.size} cells")
+        inds = indices_of(name, inds, array.size)
+        values = numbers_of(name, src, inds.size).ravel()
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise InputError(
@@ -293,7 +295,7 @@ class TwoSlabOcean(Bmi):
         array[inds] = values
 
     def get_grid_type(self, grid: int) -> str:
-        if grid not in (FIELDS, WHOLE):
+        if not isinstance(grid, Integral) or grid not in (FIELDS, WHOLE):
             raise InputError(f"grid {grid}: unknown; allowed: {FIELDS}, {WHOLE}")
         return "uniform_rectilinear" if grid == FIELDS else "scalar"
 
@@ -304,29 +306,25 @@ class TwoSlabOcean(Bmi):
         return 1 if self.get_grid_type(grid) == "scalar" else self._cells(grid).size
 
     def get_grid_shape(self, grid: int, shape: np.ndarray) -> np.ndarray:
-        shape[:] = self._cells(grid).shape
-        return shape
+        return copied(np.array(self._cells(grid).shape), shape, f"grid {grid}: shape")
 
     def get_grid_spacing(self, grid: int, spacing: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
         west, east, south, north = cells.bounds
-        spacing[:] = (north - south) / cells.shape[0], (east - west) / cells.shape[1]
-        return spacing
+        sides = np.array([(north - south) / cells.shape[0], (east - west) / cells.shape[1]])
+        return copied(sides, spacing, f"grid {grid}: spacing")
 
     def get_grid_origin(self, grid: int, origin: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
-        origin[:] = cells.y[0], cells.x[0]
-        return origin
+        return copied(np.array([cells.y[0], cells.x[0]]), origin, f"grid {grid}: origin")
 
     def get_grid_x(self, grid: int, x: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
-        x[:] = cells.x[: cells.shape[1]]
-        return x
+        return copied(cells.x[: cells.shape[1]], x, f"grid {grid}: x")
 
     def get_grid_y(self, grid: int, y: np.ndarray) -> np.ndarray:
         cells = self._cells(grid)
-        y[:] = cells.y[:: cells.shape[1]]
-        return y
+        return copied(cells.y[:: cells.shape[1]], y, f"grid {grid}: y")
 
     def get_grid_z(self, grid: int, z: np.ndarray) -> np.ndarray:
         raise NotImplementedError("get_grid_z: the grids are two-dimensional")

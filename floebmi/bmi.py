@@ -3,7 +3,7 @@
 A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
 Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
 and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
-computed.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
+computed.  Who edits `model.floes` between two updates sees it in what he asks for then.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
 number for the whole.
 
 The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
@@ -34,9 +34,10 @@ A call that fails raises one line that says all, and leaves the component as it 
 This module imports little, so that `floebmi.FloeBmi` can be there as soon as the package is.
 """
 
+import os
 import sys
 from collections.abc import Callable
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -45,11 +46,12 @@ import numpy as np
 from bmipy import Bmi
 
 from floebmi import variables
+from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.bmi_layout import Layout, layout_of
 from floebmi.bmi_totals import SCALARS, Scalar
-from floebmi.errors import InputError, choose
-from floebmi.quantities import flat, is_number, unmasked
-from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
+from floebmi.errors import InputError, choose, in_line
+from floebmi.quantities import flat, is_number
+from floebmi.variables import FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -105,6 +107,7 @@ class _Running:
         self.values: dict[str, np.ndarray] = {}
         self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # who makes an output
         self.asked: set[str] = set()
+        self.shown: object = None  # what the model knew of its floes when outputs were written
         self._list()
         self.show({})
         if view.restart is not None:
@@ -192,6 +195,16 @@ class _Running:
 
         If it fails, all is as before.
         """
+        with self.alone("update"):
+            self._advance(until)
+
+    def alone(self, call: str) -> AbstractContextManager[None]:
+        """No other thread at the model meanwhile; InputError if one is already."""
+        from floebmi.alone import alone
+
+        return alone(self.model, call)
+
+    def _advance(self, until: float) -> None:
         rest = until - self.model.time
         count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
         # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
@@ -213,10 +226,7 @@ class _Running:
                     sums[name] = sums.get(name, 0.0) + values * (duration / rest)
         model.time = until
         if count > 1 and model.ocean is not None:
-            over = model.grid.area * model.over_ice_area()  # as `area_fraction` is now
-            for axis in AXES:
-                mean = sums[f"ocean_stress_{axis.letter}"]
-                sums[f"ocean_stress_per_ice_area_{axis.letter}"] = mean * over
+            sums |= self._per_ice_area(sums)
         if self.capacity:
             _check_capacity(model.floes, self.capacity)
         if self.checkpoint is not None:
@@ -235,7 +245,7 @@ class _Running:
 
         means : over the last update, of what is a mean, where that was not one exchange
         """
-        self.means = means
+        self.means, self.shown = means, self.model._seen
         asked = {name: self.rows[name] for name in self.asked}
         fields = {row.name: self.values[name] for name, row in asked.items() if _is_field(row)}
         for part in {self.parts[name] for name in fields}:
@@ -248,10 +258,36 @@ class _Running:
 
     def array(self, name: str) -> np.ndarray:
         """The array of a variable; an output is kept up to date from the time that it is asked for."""
+        if self._is_of_the_floes(name):
+            self.follow_edits()
         if name not in self.asked:
-            self._write(name)
-            self.asked.add(name)
+            with self.alone(name):  # an update in another thread goes through what was asked for
+                self._write(name)
+                self.asked.add(name)
         return self.values[name]
+
+    def _is_of_the_floes(self, name: str) -> bool:
+        """Whether an output changes with the floes themselves; what fluids were given, and the books, wait for an update."""
+        row = self.rows[name]
+        if isinstance(row, Scalar) or row.intent == "in":
+            return False
+        given = self.parts.get(row.name) == self.model.fluid_stress_fields
+        return not given or row.name in PER_ICE_AREA
+
+    def follow_edits(self) -> None:
+        """Write the outputs anew if somebody has changed the floes since: they are of the floes as they are."""
+        if self.model._look() is self.shown:
+            return
+        means = dict(self.means)
+        if any(name in means for name in PER_ICE_AREA):
+            means |= self._per_ice_area(means)
+        with self.alone("get_value"):
+            self.show(means)
+
+    def _per_ice_area(self, means: dict[str, Any]) -> dict[str, np.ndarray]:
+        """Mean stresses over the area of ice now, so that with the concentration they give those per cell area."""
+        over = self.model.grid.area * self.model.over_ice_area()
+        return {name: means[per_cell] * over for name, per_cell in PER_ICE_AREA.items()}
 
     def _write(self, name: str) -> None:
         """Write one output, and no other."""
@@ -279,7 +315,7 @@ class _Running:
         date = {} if self.start is None else {"start": self.start, "calendar": self.calendar}
         save_restart(path, state, {"time": self.model.time} | date)
 
-    def load(self, path: Path) -> None:
+    def load(self, path: str | Path) -> None:
         from floebmi.clock import refuse_other_start
         from floebmi.output import load_restart
 
@@ -287,7 +323,7 @@ class _Running:
         if set(state) != {"model", "mean", "driven_by_scene"}:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
         refuse_other_start(self.start, self.calendar, told)
-        with self.unchanged_on_failure():
+        with self.alone("load_state"), self.unchanged_on_failure():
             self.model.restore(state["model"])
             if self.capacity:
                 _check_capacity(self.model.floes, self.capacity)
@@ -303,11 +339,13 @@ class _Running:
     def unchanged_on_failure(self) -> "Iterator[None]":
         """What fails in here is undone; `show` comes last of what can fail, so outputs need no copies."""
         before, sources, filled = self.model.state(), dict(self.sources), dict(self.filled)
+        up_to_date = self.shown is self.model._seen
         try:
             yield
         except BaseException:
             self.model.restore(before)
             self.sources, self.filled = sources, filled
+            self.shown = self.model._seen if up_to_date else None
             raise
 
 
@@ -354,8 +392,10 @@ class FloeBmi(Bmi):
             raise InputError(
                 "initialize: this component is initialized already; call finalize first"
             )
-        if not config_file:
+        if config_file is None or isinstance(config_file, str) and not config_file:
             raise InputError("initialize: needs a scene, a TOML or YAML file or a packaged name")
+        if not isinstance(config_file, str | os.PathLike):
+            raise InputError(f"initialize: {in_line(config_file)}: must be the path of a scene")
         self._running = _Running(str(config_file))
 
     def update(self) -> None:
@@ -392,7 +432,7 @@ class FloeBmi(Bmi):
 
     def load_state(self, path: str | Path) -> None:
         """Take up a state that `save_state` wrote, of a component with the same scene."""
-        self._now("load_state").load(Path(path))
+        self._now("load_state").load(path)
 
     @property
     def model(self) -> "Model":
@@ -475,7 +515,7 @@ class FloeBmi(Bmi):
 
     def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
         """Copy the values into `dest`, flat or of any shape of the same size; returns it."""
-        return _copy(self._array(name), dest, name)
+        return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
         """The array itself: right after every update, until `finalize`."""
@@ -484,12 +524,12 @@ class FloeBmi(Bmi):
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
         """Copy single values into `dest`; returns it."""
         values = self._array(name)
-        return _copy(values[_indices(name, inds, values.size)], dest, name)
+        return copied(values[indices_of(name, inds, values.size)], dest, name)
 
     def set_value(self, name: str, src: np.ndarray) -> None:
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
         row, values = self._input(name)
-        given = flat(name, _numbers(name, src, values.size), self._now("set_value").shape_of(row))
+        given = flat(name, numbers_of(name, src, values.size), self._now("set_value").shape_of(row))
         self._refuse_not_finite(row, given, None)
         values[:] = given
         self._now("set_value").taken_over(row)
@@ -497,8 +537,8 @@ class FloeBmi(Bmi):
     def set_value_at_indices(self, name: str, inds: np.ndarray, src: np.ndarray) -> None:
         """Set an input in some cells."""
         row, values = self._input(name)
-        inds = _indices(name, inds, values.size)
-        given = _numbers(name, src, inds.size).ravel()
+        inds = indices_of(name, inds, values.size)
+        given = numbers_of(name, src, inds.size).ravel()
         self._refuse_not_finite(row, given, inds)
         values[inds] = given
         self._now("set_value_at_indices").taken_over(row)
@@ -622,13 +662,15 @@ class FloeBmi(Bmi):
 
     def _part(self, grid: int, name: str) -> np.ndarray:
         layout = self._layout(grid)
+        if grid == FLOES:  # they are where they are now
+            self._now("grid").follow_edits()
         part = getattr(layout, name)
         if part is None:
             raise NotImplementedError(f"grid {grid}: a grid of type {layout.type!r} has no {name}")
         return part
 
     def _fill(self, grid: int, name: str, buffer: np.ndarray) -> np.ndarray:
-        return _copy(self._part(grid, name), buffer, f"grid {grid}: {name}")
+        return copied(self._part(grid, name), buffer, f"grid {grid}: {name}")
 
 
 # ---- small steps ------------------------------------------------------------------------------
@@ -669,41 +711,3 @@ def _check_capacity(floes: "Floes", capacity: int) -> None:
         raise InputError(
             f"[bmi] floe_capacity = {capacity}: there are {len(floes)} floes; must be at least that"
         )
-
-
-def _copy(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
-    """Write into the caller's own buffer, whatever its real type, and return it."""
-    if not isinstance(dest, np.ndarray):
-        raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
-    if dest.size != values.size:
-        raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
-    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # whole numbers would come round
-    if short or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
-        raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
-    if not dest.flags.writeable:
-        raise InputError(f"{what}: the buffer is read-only; must be writable")
-    np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
-    return dest
-
-
-def _numbers(name: str, src: np.ndarray, size: int) -> np.ndarray:
-    """The host's numbers as float64."""
-    given = np.asarray(src)
-    if given.dtype.kind not in "fiub":
-        raise InputError(f"{name}: values of type {given.dtype}; must be real numbers")
-    if given.size != size:
-        raise InputError(f"{name}: {given.size} values; must be {size}")
-    return unmasked(src)
-
-
-def _indices(name: str, inds: np.ndarray, size: int) -> np.ndarray:
-    if np.ma.is_masked(inds):
-        raise InputError(f"{name}: masked indices; must be integers from 0 to {size - 1}")
-    inds = np.asarray(inds)
-    if inds.size and inds.dtype.kind not in "iu":
-        raise InputError(f"{name}: indices of type {inds.dtype}; must be integers")
-    inds = inds.ravel()
-    wrong = (inds < 0) | (inds >= size)
-    if wrong.any():
-        raise InputError(f"{name}: index {inds[wrong][0]}: must be from 0 to {size - 1}")
-    return inds.astype(np.int64)

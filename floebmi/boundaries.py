@@ -1,13 +1,13 @@
 """Where the ice ends: edges of the domain, walls, and an edge where floes come in."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.dynamics import WALL
-from floebmi.errors import InputError, choose, in_line
+from floebmi.errors import InputError, choose, in_line, is_word
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
 from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number
@@ -151,7 +151,7 @@ def check_domain(domain: Domain) -> None:
     for edge in EDGES:
         word = getattr(domain, edge)
         allowed = ("inactive", "periodic", "closed")
-        if word not in allowed:
+        if not is_word(word, allowed):
             raise InputError(f"domain.{edge} = {word!r}: {choose(word, allowed)}")
     for one, other in (("west", "east"), ("south", "north")):
         if (getattr(domain, one) == "periodic") != (getattr(domain, other) == "periodic"):
@@ -159,7 +159,7 @@ def check_domain(domain: Domain) -> None:
 
 
 def _check_edge(what: str, edge: str, domain: Domain) -> None:
-    if edge not in EDGES:
+    if not is_word(edge, EDGES):
         raise InputError(f"{what}.edge = {edge!r}: {choose(edge, EDGES)}")
     if getattr(domain, edge) == "periodic":
         raise InputError(f"{what}.edge = {edge!r}: the domain is periodic there; use another edge")
@@ -296,7 +296,7 @@ class Feeder:
         _check_edge("inflow", inflow.edge, domain)
         for name in ("velocity", "span"):
             pair = getattr(inflow, name)
-            if pair is not None and not (np.iterable(pair) and len(pair) == 2):
+            if pair is not None and not (isinstance(pair, Sized) and len(pair) == 2):
                 raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
         check_sizes(inflow.sizes)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from floebmi.errors import InputError
-from floebmi.files import check_kind, in_one_go
+from floebmi.errors import InputError, in_line
+from floebmi.files import check_kind, in_one_go, path_of
 from floebmi.quantities import is_number, two_numbers
 from floebmi.reading import View
 
@@ -95,7 +95,7 @@ def save(figure: "Figure", to: str | Path | None) -> "Figure":
         for another kind of file, or a folder that is not there.
     """
     if to is not None:
-        to = Path(to)
+        to = path_of("to", to)
         check_kind(to, [f".{kind}" for kind in figure.canvas.get_supported_filetypes()])
         with in_one_go(to) as part:
             figure.savefig(part, format=to.suffix[1:])
@@ -300,6 +300,8 @@ def _height_of(label: str) -> float:
 
 def _lines(text: str, letters: int) -> list[str]:
     """Text in as few lines as have room for so many letters, about equally long."""
+    if not isinstance(text, str):
+        raise InputError(f"title = {in_line(text)}: must be a text")
     lines = textwrap.wrap(text, letters) or [""]
     narrow = (textwrap.wrap(text, n) for n in range(1 + len(text) // len(lines), letters))
     return next((found for found in narrow if len(found) == len(lines)), lines)

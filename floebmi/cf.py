@@ -43,7 +43,7 @@ class Place(NamedTuple):
 
 def time_attributes(reference: str | None, calendar: str) -> dict[str, str]:
     """Of the variable `time`; InputError for a reference that is no date of the calendar."""
-    date = text_of(reference or EPOCH)
+    date = text_of(EPOCH if reference is None else reference)
     date_of(date, calendar, "reference")
     attributes = {
         "standard_name": "time",

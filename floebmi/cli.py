@@ -111,6 +111,7 @@ def run(
     """
     from floebmi.clock import refuse_other_start
     from floebmi.explain import notes
+    from floebmi.files import alone_in
     from floebmi.output import load_restart
     from floebmi.running import run as run_model
     from floebmi.scene import read_scene
@@ -127,8 +128,8 @@ def run(
     paraview = folder / "paraview" if read.output.paraview else None
     if paraview is not None and trajectories is None:
         raise InputError(f"{read.file}: [output] paraview = true: needs trajectories = true")
-    targets = [path for path in (gridded, trajectories, picture, last_state, paraview) if path]
-    _refuse_to_overwrite(folder, targets, force)
+    targets = [path for path in (gridded, trajectories, picture, last_state) if path]
+    _refuse_to_overwrite(folder, targets, paraview, force)
     state, told = (None, {}) if restart is None else load_restart(restart)
 
     built = read.build()
@@ -146,6 +147,8 @@ def run(
         )
     read.check_forcing(built, model.time, schedule.duration)
     folder.mkdir(parents=True, exist_ok=True)
+    click.get_current_context().with_resource(alone_in(folder))
+    _refuse_to_overwrite(folder, targets, paraview, force)  # another may have ended meanwhile
     if not quiet:
         click.echo(f"{read.name}: {read.title}\n{model!r}")
         for line in notes(model):
@@ -230,12 +233,23 @@ def _wants_gridded(scene: "Scene") -> bool:
     return scene.grid is not None if scene.output.gridded is None else scene.output.gridded
 
 
-def _refuse_to_overwrite(folder: Path, targets: Sequence[Path], force: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"--to {folder}: is a file; give a folder")
-    for path in targets:
+def _refuse_to_overwrite(
+    folder: Path, targets: Sequence[Path], paraview: Path | None, force: bool
+) -> None:
+    """InputError before the run for a folder, or files in it, that could not be made in the end."""
+    from floebmi.files import check_new_folder, check_target
+
+    with _of("--to"):
+        check_new_folder(folder)
+    if not folder.is_dir():
+        return
+    for path in (*targets, *([paraview] if paraview else [])):
         if path.exists() and not force:
             raise InputError(f"{path}: exists already; give another folder with --to, or --force")
+    for path in targets:
+        check_target(path, overwrite=True)
+    if paraview is not None:
+        check_new_folder(paraview)
 
 
 @contextlib.contextmanager
@@ -311,7 +325,13 @@ def tradeoff(
     that no other beats in both. Runs that have finished are kept beside the file and not run again.
     """
     from floebmi import plot as draw, tradeoff as trade
+    from floebmi.files import check_target
+    from floebmi.scene import read_scene
 
+    if target is None:
+        target = Path(f"{read_scene(scene, overrides).name}{trade.SUFFIX}")
+    if target.parent.is_dir():
+        check_target(target.with_suffix(".png"), overwrite=True)
     made = trade.tradeoff(
         scene, overrides, error=error, of=of, seeds=seeds, duration=duration, budget=budget, to=target,
         jobs=jobs, progress=not quiet,
@@ -421,12 +441,17 @@ def _is_tradeoff(path: Path) -> bool:
         return str(data.floebmi_file).startswith("tradeoff")
 
 
-def _target(target: Path | None, default: Path, force: bool) -> Path:
+def _target(target: Path | None, default: Path, force: bool, folder: bool = False) -> Path:
+    """Where to write; InputError before anything is made for a place where that cannot be."""
+    from floebmi.files import check_new_folder, check_target
+
     target = default if target is None else target
-    if target.exists() and not force:
+    if target.exists() and not force and target.is_dir() == folder:
         raise InputError(f"{target}: exists already; give another place with --to, or --force")
-    if not target.parent.is_dir():
-        raise InputError(f"--to {target}: there is no folder {target.parent}")
+    if folder:
+        check_new_folder(target)
+    else:
+        check_target(target, overwrite=True)
     return target
 
 
@@ -567,7 +592,7 @@ def export(file: Path, target: Path | None, force: bool) -> None:
     files = [path for path in _outputs(file) if path is not None]
     if not file.is_dir():
         files = [file]
-    target = _target(target, files[0].with_name("paraview"), force)
+    target = _target(target, files[0].with_name("paraview"), force, folder=True)
     for path in files:
         with _progress("frames") as show:
             click.echo(f"wrote {write(path, target, show)}")

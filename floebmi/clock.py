@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from floebmi.errors import InputError, check_word
+from floebmi.errors import InputError, check_word, in_line
 from floebmi.fields import DURATIONS, Field, coordinate
 
 if TYPE_CHECKING:
@@ -224,6 +224,8 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
 
     text = text_of(start)
     try:
+        if not isinstance(calendar, str) or not calendar:
+            raise InputError(f"calendar = {in_line(calendar)}: must be a text, such as 'standard'")
         if not _DATE.fullmatch(text):
             raise ValueError
         return cftime.num2date(0.0, f"seconds since {text}", calendar)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.errors import InputError
+from floebmi.files import path_of
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
 from floebmi.quantities import FARTHEST, check_length, unmasked
@@ -283,7 +284,7 @@ def read_features(
     import shapely
     import shapely.geometry
 
-    path = Path(path)
+    path = path_of("path", path)
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
         kind = content["type"]

@@ -20,7 +20,7 @@ import threading
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from numbers import Integral
@@ -30,9 +30,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from floebmi import __version__
-from floebmi.errors import InputError
-from floebmi.files import in_one_go
+from floebmi.errors import InputError, in_line
+from floebmi.files import attributes_of, check_new_folder, check_target, in_one_go, path_of
 from floebmi.meter import meter, say
+from floebmi.quantities import check_table
 
 if TYPE_CHECKING:
     import distributed
@@ -108,15 +109,27 @@ def run(
         if the folder holds members of other parameters, or of another function, or if two members would have one name;
         for less than one job.
     """
-    folder = Path(folder)
+    folder = path_of("folder", folder)
+    for name, table in (("parameters", parameters), ("sweep", sweep)):
+        if table is None:
+            raise InputError(f"{name} = None: must be a dict")
+        check_table(name, table)
+    for name, function in (("member", member), ("code", code)):
+        if not callable(function) and (name == "member" or function is not None):
+            raise InputError(f"{name} = {in_line(function)}: must be a function")
+    if not (on is None or isinstance(on, Executor) or hasattr(on, "get_executor")):
+        raise InputError(
+            f"on = {in_line(on)}: must be an executor, or a Client of dask.distributed"
+        )
     if jobs is not None and not (isinstance(jobs, Integral) and jobs >= 1):
         raise InputError(f"jobs = {jobs!r}: must be a whole number, at least 1")
     for name, values in {**sweep, "seeds": seeds}.items():
-        if name == "seed" or isinstance(values, str) or not isinstance(values, Iterable):
+        if name == "seed" or isinstance(values, str) or not np.iterable(values):
             raise InputError(
                 f"{name} = {values!r}: must be several values, as (1, 2), under a name that is not seed"
             )
     sweep = {name: tuple(values) for name, values in sweep.items()}
+    seeds = tuple(seeds)
     points = points_of(sweep)
     files = _files(folder, points, seeds)
     _claim(folder, member, parameters)
@@ -182,6 +195,10 @@ def gather(
     """
     import xarray as xr
 
+    if not isinstance(done, Ensemble):
+        raise InputError(f"done = {in_line(done)}: must be what `run` returns")
+    for name, table in (("outputs", outputs), ("coordinates", coordinates), ("units", units)):
+        check_table(name, table)
     if not done.members:
         first = f": {done.failures[0]}" if done.failures else ""
         raise InputError(f"ensemble: no member has finished{first}")
@@ -222,10 +239,13 @@ def gather(
 
 
 def save(data: "xr.Dataset", path: str | Path) -> None:
-    """Write a data set as NetCDF, whole or not at all."""
+    """Write a data set as NetCDF, whole or not at all; what it is of (`title`) and when it was made stand in the file."""
+    data = data.assign_attrs(attributes_of("an ensemble of runs") | data.attrs)
     # CF has no missing values in coordinates; xarray would declare one for each of floats
+    path = path_of("path", path)
+    check_target(path, overwrite=True)
     encoding = {name: {"_FillValue": None} for name in data.coords}
-    with in_one_go(Path(path)) as part:
+    with in_one_go(path) as part:
         data.to_netcdf(part, engine="netcdf4", encoding=encoding)
 
 
@@ -265,6 +285,7 @@ def _files(
 
 def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
     """Write what the members of this folder share, or refuse if they share something else."""
+    check_new_folder(folder)
     note = folder / "ensemble.json"
     ours = {
         "floebmi": __version__,
@@ -294,7 +315,7 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
                 "give another place, or remove the folder"
             )
         return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
     folder.mkdir(parents=True, exist_ok=True)
     with in_one_go(note) as part:

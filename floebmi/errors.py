@@ -25,9 +25,14 @@ def in_line(value: object) -> str:
     return " ".join(repr(value).split())
 
 
+def is_word(word: object, allowed: Iterable[object]) -> bool:
+    """Whether it is one of these words; an array in the place of a word is none, nor is what cannot be looked up."""
+    return isinstance(word, str) and word in allowed
+
+
 def check_word(name: str, value: object, allowed: Collection[str]) -> None:
     """InputError for what is none of the allowed words."""
-    if value not in allowed:
+    if not is_word(value, allowed):
         raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
 
 

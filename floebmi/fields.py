@@ -20,6 +20,7 @@ import numpy as np
 
 from floebmi.classic import length_by_header
 from floebmi.errors import InputError, choose, in_line
+from floebmi.files import path_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -164,7 +165,7 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
 
     if isinstance(path, xr.Dataset):
         return File(Path(str(path.encoding.get("source", "data set"))).name, path)
-    path = Path(path)
+    path = path_of("path", path)
     if not path.exists():
         beside = [p.name for p in path.parent.glob("*")]
         near = difflib.get_close_matches(path.name, beside, n=1)

@@ -1,6 +1,7 @@
 """Files that are whole or not there: made under another name, which becomes the wanted one at the end."""
 
 import contextlib
+import datetime
 import errno
 import hashlib
 import os
@@ -10,10 +11,26 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from floebmi.errors import InputError, choose
+from floebmi import __version__
+from floebmi.errors import InputError, choose, in_line
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
+
+
+LONGEST = 255  # bytes that file systems allow a name
+
+
+def attributes_of(title: str) -> dict[str, str]:
+    """Global attributes that each NetCDF file of results has: what it is, and what made it, when."""
+    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    source = f"floebmi {__version__}"
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "source": source,
+        "history": f"{now}: written by {source}",
+    }
 
 
 def contents(path: Path) -> str:
@@ -38,28 +55,66 @@ def cache_folder() -> Path:
     return Path(os.path.abspath(folder))
 
 
-def check_folder(path: Path) -> None:
-    """InputError if there is no folder to make the file in."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
+def path_of(what: str, value: object) -> Path:
+    """The path that an argument is; InputError for what is none."""
+    if not isinstance(value, str | os.PathLike) or "\0" in str(value):
+        raise InputError(f"{what} = {in_line(value)}: must be the path of a file or folder")
+    return Path(value)
 
 
 def check_kind(path: Path, kinds: Sequence[str]) -> None:
-    """InputError for a file of another kind than those, or in a folder that is not there."""
+    """InputError for a file of another kind than those, or in a place where none can be made."""
     if path.suffix not in kinds:
         raise InputError(f"{path}: {choose(path.suffix, kinds)}")
-    check_folder(path)
+    check_target(path, overwrite=True)
 
 
 def check_target(path: Path, overwrite: bool) -> None:
     """InputError for a place where no file can be made, or where one stands that may not be replaced."""
-    check_folder(path)
-    if path.is_dir():
+    if not _is_folder(path.parent):
+        raise InputError(f"{path}: there is no folder {path.parent}")
+    if _is_folder(path):
         raise InputError(f"{path}: is a folder; give the name of a file")
+    _refuse_dangling(path)
     if path.exists() and not overwrite:
         raise InputError(f"{path}: exists already; choose another name or overwrite=True")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: its folder is read-only; choose another place")
     if path.exists():
+        if not os.access(path, os.W_OK):
+            raise InputError(f"{path}: is read-only; choose another name, or make it writable")
         _refuse_if_being_written(path)
+
+
+def check_new_folder(path: Path) -> None:
+    """InputError for a place where no folder is or can be made, or where files cannot be made in it."""
+    if _is_folder(path):
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise InputError(f"{path}: is read-only; choose another place, or make it writable")
+        return
+    _refuse_dangling(path)
+    if path.exists():
+        raise InputError(f"{path}: is a file; give the name of a folder")
+    if path.parent != path:
+        check_new_folder(path.parent)
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a folder is there; InputError for what can be the name of nothing."""
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:  # a name too long, links in a circle, a NUL in it
+        raise InputError(f"{path!s}: {getattr(error, 'strerror', None) or error}") from None
+    return path.is_dir()
+
+
+def _refuse_dangling(path: Path) -> None:
+    if path.is_symlink() and not path.exists():
+        raise InputError(
+            f"{path}: is a link to {os.readlink(path)}, which is not there; remove the link, or choose another name"
+        )
 
 
 def _refuse_if_being_written(path: Path) -> None:
@@ -80,6 +135,29 @@ def _refuse_if_being_written(path: Path) -> None:
 
 
 @contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """No other run in this folder meanwhile; InputError if one is going on. A run that ends, be it killed, leaves no trace."""
+    try:
+        import fcntl
+    except ImportError:  # where a file that is open cannot be replaced anyway
+        yield
+        return
+    here = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(here, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{folder}: another run is going on in it; give another folder with --to"
+            ) from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(here)
+
+
+@contextlib.contextmanager
 def disk_full_told(path: Path) -> Iterator[None]:
     """NetCDF says `HDF error` for a full disk: OSError with the file's name instead."""
     try:
@@ -96,7 +174,7 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
     Another process may be making the same file: it has a name of its own, and the second to be whole does not
     replace the first unasked.  An OSError that names no file, or that name, gets the name of this one.
     """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    part = path.with_name(_name_meanwhile(path.name))
     try:
         yield part
         if overwrite:
@@ -110,6 +188,14 @@ def in_one_go(path: Path, overwrite: bool = True) -> Iterator[Path]:
     finally:
         if part.exists():  # on a read-only disk to take away what is not there is an error, too
             part.unlink()
+
+
+def _name_meanwhile(name: str) -> str:
+    """Of a file that is being made, for this process alone; no longer than file systems allow, as long as the name may be."""
+    end = f".{os.getpid()}.part"
+    if len(os.fsencode(name + end)) > LONGEST:
+        name = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+    return name + end
 
 
 @contextlib.contextmanager

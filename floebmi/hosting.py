@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from floebmi.errors import InputError
+from floebmi.files import check_target
 from floebmi.scene import Scene, find_scene, read_scene
 from floebmi.tables import Table, parse, read_text, validate
 
@@ -54,8 +55,9 @@ def read_config(config_file: str) -> tuple[Scene, BmiTable]:
     scene = read_scene(named if named.exists() else table.scene, table.set)
     files = {"restart": table.restart, "checkpoint": table.checkpoint}
     beside = {key: str(path.parent / name) for key, name in files.items() if name is not None}
-    if table.checkpoint is not None and not Path(beside["checkpoint"]).parent.is_dir():
-        raise InputError(
-            f"{path}: [bmi] checkpoint = {table.checkpoint!r}: there is no such folder; make it first"
-        )
+    if table.checkpoint is not None:
+        try:
+            check_target(Path(beside["checkpoint"]), overwrite=True)
+        except InputError as error:
+            raise InputError(f"{path}: [bmi] checkpoint = {error}") from None
     return scene, table.model_copy(update=beside)

@@ -26,6 +26,7 @@ import numpy as np
 from floebmi import __version__
 from floebmi.advance import Advance, draw_own
 from floebmi.agreement import named, of_grid, refuse_other, refuse_other_coast
+from floebmi.alone import alone, free, refuse_another
 from floebmi.boundaries import (
     Domain,
     Feeder,
@@ -42,7 +43,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_contact, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose, in_line
+from floebmi.errors import InputError, StabilityError, choose, in_line, is_word
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.fluid import Fluid
 from floebmi.forces import (
@@ -96,10 +97,10 @@ from floebmi.sampling import (
     without_cell,
 )
 from floebmi.state import Counters, Seconds, State
+from floebmi.variables import PER_ICE_AREA
 
 Out = Mapping[str, np.ndarray] | None
 OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
-PER_ICE_AREA = "ocean_stress_per_ice_area_x", "ocean_stress_per_ice_area_y"
 SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
 UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi does not have
@@ -319,11 +320,11 @@ class Model:
         check(self.forces)
         check([self.contact])
         check_contact(self.contact)
-        if self.sampling not in ("overlap", "centre"):
+        if not is_word(self.sampling, ("overlap", "centre")):
             raise InputError(
                 f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"
             )
-        if self.step.scheme not in ("verlet", "taylor2", "taylor3"):
+        if not is_word(self.step.scheme, ("verlet", "taylor2", "taylor3")):
             allowed = choose(self.step.scheme, ("verlet", "taylor2", "taylor3"))
             raise InputError(f"step.scheme = {self.step.scheme!r}: {allowed}")
         if self.step.epsilon is not None and self.step.length is not None:
@@ -423,6 +424,7 @@ class Model:
 
     def _look(self) -> _Seen:
         """What is known about the floes as they are now; forgotten when they change."""
+        refuse_another(self, "model")
         draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
         if not self._seen.floes.same(self.floes):
             self._seen = _Seen(self.floes.copy())
@@ -455,13 +457,15 @@ class Model:
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
 
-        Several threads may each advance a model of their own; two that advance one and the same at once spoil it.
+        Several threads may each advance a model of their own; while one is at work on a model, what another asks of it is
+        refused.
 
         Raises
         ------
         InputError
             for a duration that is negative or not finite, for a NaN in a wet cell of a fluid or a velocity of
-            1000 m/s or more, and for floes that an edit has put onto each other or over a wall.
+            1000 m/s or more, for floes that an edit has put onto each other or over a wall, and while another thread
+            advances this model.
         StabilityError
             if floes leave what the step resolves: a floe moves more than half its radius in a step, overlaps another
             by more than the smaller radius or has its centre behind a wall, a number is no longer finite, 1e12 steps
@@ -474,6 +478,12 @@ class Model:
         duration = float(duration)
         if duration == 0:
             return
+        with alone(self, "advance"):
+            self._exchange(duration)
+        self._warn_of_lag(duration)
+
+    def _exchange(self, duration: float) -> None:
+        """One exchange with the fluids; all of it or nothing."""
         self._check_fluids()
         seen = self._look()
         known = len(self.floes)
@@ -505,7 +515,6 @@ class Model:
         if drag is not None:
             self.ocean._drag = drag
         self._give_back(impulses)
-        self._warn_of_lag(duration)
 
     def _ready(self, seen: _Seen) -> tuple[Advance, dict[int, Weights]]:
         """What steps begin with: packed floes, what the forces read at them, and the weights they read it with, by grid."""
@@ -660,6 +669,8 @@ class Model:
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
+        if not (is_number(steps) and steps >= 0):
+            raise InputError(f"step_by: steps = {in_line(steps)}: must be a number, at least 0")
         length = self.longest_step()
         if not np.isfinite(length):
             raise InputError("step_by: nothing sets a step here; use advance(seconds)")
@@ -697,15 +708,16 @@ class Model:
         """
         if not self.counters.steps:
             raise InputError("seconds_per_step: no step was taken yet; advance the model first")
-        seen = self._look()
-        before = self._state.copy()
-        advance, _ = self._ready(seen)
-        seen.list = None  # the steps use it up
-        try:
-            return advance.seconds_per_step(self._at, steps, without)
-        finally:
-            self.floes.go_back(seen.floes)
-            self._state.go_back(before)
+        with alone(self, "seconds_per_step"):
+            seen = self._look()
+            before = self._state.copy()
+            advance, _ = self._ready(seen)
+            seen.list = None  # the steps use it up
+            try:
+                return advance.seconds_per_step(self._at, steps, without)
+            finally:
+                self.floes.go_back(seen.floes)
+                self._state.go_back(before)
 
     @property
     def wall_edges(self) -> tuple[str, ...]:
@@ -857,6 +869,7 @@ class Model:
     def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(state)
         listed = vars(self).pop("_marks")
+        free(self)
         self._seen = _Seen(self.floes.copy())
         if len(listed.way):
             self._advance().list_again(listed)
@@ -916,11 +929,12 @@ class Model:
             raise InputError(
                 f"state = {in_line(state)}: must be what `state` gives, or a restart file"
             )
-        branched = self._refuse_unlike(state)
-        saved = walls_of_state(self._state.walls, np.asarray(state["walls"]))
-        floes = self._floes_of(state)
-        refuse_other_coast(self.floes, floes, self.domain)
-        self._take_up(state, floes, saved)
+        with alone(self, "restore"):
+            branched = self._refuse_unlike(state)
+            saved = walls_of_state(self._state.walls, np.asarray(state["walls"]))
+            floes = self._floes_of(state)
+            refuse_other_coast(self.floes, floes, self.domain)
+            self._take_up(state, floes, saved)
         if branched:
             warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
 

@@ -7,7 +7,8 @@ the run goes on, HDF5 locks the file: set HDF5_USE_FILE_LOCKING=FALSE to look at
 `floebmi.plot` does without.)
 
 Stress in a file is the mean since the last frame, by the difference of the running impulse, so Σ τ A Δt
-over the frames is the impulse, whatever the frames and the exchange intervals are.  What a single
+over the frames is the impulse, whatever the frames and the exchange intervals are; per ice area, the same over the area
+of ice at the frame's time.  What a single
 instant has, is that of the frame's time; `cell_methods` tells which is which.
 
 All numbers are stored as float64.  Missing values are NaN: dry cells, properties of ice where there is no
@@ -15,12 +16,11 @@ ice, floes that have left or have not yet come.
 """
 
 import contextlib
-import datetime
 import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -45,10 +45,11 @@ from floebmi.cf import (
 )
 from floebmi.coast import land_geometry
 from floebmi.entries import checksum, entries_of, state_of
-from floebmi.errors import InputError, choose
-from floebmi.files import check_target, disk_full_told, in_one_go, new_file
+from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.files import attributes_of, check_target, disk_full_told, in_one_go, new_file, path_of
 from floebmi.projection import check_projection
-from floebmi.variables import AXES, FLOE_VARIABLES, VARIABLES, Variable
+from floebmi.quantities import check_flag, check_table
+from floebmi.variables import AXES, FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
 
 if TYPE_CHECKING:
     from netCDF4 import Dataset
@@ -63,8 +64,11 @@ RESTART_VERSION = 1
 class _GrowingFile:
     """A NetCDF file that is whole after its first frame and after each further one."""
 
-    def __init__(self, path: str | Path, overwrite: bool) -> None:
-        self.path, self._overwrite = Path(path), overwrite
+    def __init__(self, path: str | Path, model: "Model", overwrite: bool) -> None:
+        if not hasattr(model, "ledger"):
+            raise InputError(f"model = {in_line(model)}: must be a Model")
+        check_flag("overwrite", overwrite)
+        self.path, self._overwrite = path_of("path", path), overwrite
         self._data: Dataset | None = None
         self._count = 0
         self._last = -np.inf
@@ -155,7 +159,7 @@ class GriddedWriter(_GrowingFile):
         names: Sequence[str] | None = None,
         overwrite: bool = False,
     ) -> None:
-        super().__init__(path, overwrite)
+        super().__init__(path, model, overwrite)
         self._clock = time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
         self._land = land_geometry(land, model.domain)
@@ -250,15 +254,17 @@ class TrajectoryWriter(_GrowingFile):
         contacts: bool = True,
         overwrite: bool = False,
     ) -> None:
-        super().__init__(path, overwrite)
+        super().__init__(path, model, overwrite)
         self._clock = time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
         self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, "trajectories")
         self._attributes["featureType"] = "trajectory"
         constant = {"radius", "thickness", "motion"}
+        check_flag("contacts", contacts)
+        changing = _several("changing", changing)
         for name in changing:
-            if name not in constant:
+            if not is_word(name, constant):
                 raise InputError(f"{path}: changing = {name!r}; {choose(name, constant)}")
         self._constant = tuple(sorted(constant - set(changing)))
         self._written = {name: np.empty(0) for name in self._constant}
@@ -353,13 +359,8 @@ class TrajectoryWriter(_GrowingFile):
 def _global_attributes(
     model: "Model", given: Mapping[str, Any] | None, kind: str
 ) -> dict[str, Any]:
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    source = f"floebmi {floebmi.__version__}"
     made = {
-        "Conventions": "CF-1.11",
-        "title": "Sea-ice floes as discrete elements",
-        "source": source,
-        "history": f"{now}: written by {source}",
+        **attributes_of("Sea-ice floes as discrete elements"),
         "floebmi_version": floebmi.__version__,
         "floebmi_file": f"{kind} {FILE_VERSION}",
         "contact": repr(model.contact),
@@ -374,6 +375,7 @@ def _global_attributes(
         made[f"domain_{edge}"] = getattr(model.domain, edge)
     if kind == "gridded" and model.grid.kind == "unstructured":
         made["Conventions"] += " UGRID-1.0"
+    check_table("attributes", given)
     for name, value in (given or {}).items():
         if name in ("Conventions", "featureType", "floebmi_file"):
             raise InputError(f"attribute {name!r}: is set by the writer; leave it out")
@@ -399,12 +401,20 @@ def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
     if names is None:
         return has
     known = [row.name for row in has]
+    names = _several("names", names)
     for name in names:
-        if name not in known:
+        if not is_word(name, known):
             raise InputError(
                 f"names = {name!r}: this model has no such field; {choose(name, known)}"
             )
     return [row for row in has if row.name in names]
+
+
+def _several(name: str, words: Sequence[str]) -> list[str]:
+    """Words that were given as a list; InputError for one alone, whose letters would be taken for words, and all else."""
+    if isinstance(words, str | bytes) or np.ndim(words) == 0 and not isinstance(words, Iterable):
+        raise InputError(f"{name} = {in_line(words)}: must be a list of names")
+    return list(words)
 
 
 def _values(model: "Model", rows: list[Variable]) -> dict[str, np.ndarray]:
@@ -429,15 +439,21 @@ def _mean_stresses(
     now: tuple[float, dict[str, np.ndarray]],
     rows: list[Variable],
 ) -> dict[str, np.ndarray]:
-    """Mean stress since the last frame [Pa]; NaN if no time has passed."""
+    """Mean stress since the last frame [Pa]; NaN if no time has passed.
+
+    Per ice area it is that mean over the area of ice now, so that with the concentration of the same frame it gives the
+    stress per cell area, as for a host (docs/couple.md).
+    """
     span = now[0] - before[0]
-    return {
-        row.name: (now[1][row.name] - before[1][row.name]) / (_grid_of(model, row).area * span)
-        if span > 0.0
-        else np.full(_grid_of(model, row).size, np.nan)
-        for row in rows
-        if row.name in now[1]
-    }
+    means = {}
+    for row in rows:
+        name, over = row.name, 1.0 / _grid_of(model, row).area
+        if name in PER_ICE_AREA:
+            name, over = PER_ICE_AREA[name], model.over_ice_area()
+        if name in now[1]:
+            given = (now[1][name] - before[1][name]) * over
+            means[row.name] = given / span if span > 0.0 else np.full(given.size, np.nan)
+    return means
 
 
 def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
@@ -481,7 +497,7 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
     """
     from netCDF4 import Dataset
 
-    path = Path(path)
+    path = path_of("path", path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file")
     with contextlib.ExitStack() as stack:
@@ -526,7 +542,11 @@ def save_restart(
     InputError
         for a value of another kind, or a missing folder.
     """
-    path = Path(path)
+    path = path_of("path", path)
+    if state is None:
+        raise InputError("state = None: must be a dict")
+    check_table("state", state)
+    check_table("attributes", attributes)
     check_target(path, overwrite=True)
     entries = entries_of(state)
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
@@ -551,7 +571,7 @@ def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """
     from netCDF4 import Dataset
 
-    path = Path(path)
+    path = path_of("path", path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such restart file")
     damaged = InputError(f"{path}: is no restart file, or a damaged one; take an older one")

@@ -634,16 +634,15 @@ def stock_of_each(of, radius, thickness, u, v, omega, density, stock):
 
 @in_place
 def pressed(packed, walls):
-    """Of the contact forces on what is free: Σ|F|²/m [N²/kg], torques with J, and the power Σ F·u [W]."""
+    """Of the contact forces: Σ|F|²/m [N²/kg], torques with J, and the power Σ F·u [W], of what is held, too.
+
+    What is held has an inverse mass of 0, but its share of the power, for what holds it does that work.
+    """
     p, press, power = packed, 0.0, 0.0
     for k in range(p.floes.size):
         floe, f = p.floes[k], p.force[k]
-        if p.inverse_x[k] > 0.0:
-            press += p.inverse_x[k] * f.x * f.x
-            power += f.x * floe.u
-        if p.inverse_y[k] > 0.0:
-            press += p.inverse_y[k] * f.y * f.y
-            power += f.y * floe.v
+        press += p.inverse_x[k] * f.x * f.x + p.inverse_y[k] * f.y * f.y
+        power += f.x * floe.u + f.y * floe.v
     press, power = add_twisted(p.spinning, p, press, power)
     return add_walls(walls, press, power)
 
@@ -651,9 +650,8 @@ def pressed(packed, walls):
 @dispatched
 def add_twisted(spinning, p, press, power):
     for k in range(spinning.size):
-        if p.inverse_spin[k] > 0.0:
-            press += p.inverse_spin[k] * p.force[k].torque ** 2
-            power += p.force[k].torque * spinning[k].omega
+        press += p.inverse_spin[k] * p.force[k].torque ** 2
+        power += p.force[k].torque * spinning[k].omega
     return press, power
 
 
@@ -671,7 +669,7 @@ def add_walls(walls, press, power):
     for w in range(walls.size):
         wall = walls[w]
         press += wall.inverse_mass * wall.force * (wall.force + wall.side * wall.press)
-        power += wall.force * wall.speed if wall.inverse_mass > 0.0 else 0.0
+        power += wall.force * wall.speed
     return press, power
 
 

@@ -14,6 +14,7 @@ from floebmi.barrier import Land, area_inside, barrier_of
 from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import read_features
 from floebmi.errors import InputError, check_word, choose
+from floebmi.files import path_of
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
 from floebmi.grid import Grid, check_grid
 from floebmi.laying import ground_of, settle, spread, thin_out
@@ -292,7 +293,7 @@ def read_floes(
     InputError
         naming file, row or feature, column and value.
     """
-    path = Path(path)
+    path = path_of("path", path)
     if thickness is not None:
         check_length("thickness", thickness)
     suffix = path.suffix.lower()

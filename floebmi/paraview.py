@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from floebmi.errors import InputError
-from floebmi.files import in_one_go
+from floebmi.errors import InputError, in_line
+from floebmi.files import check_new_folder, in_one_go, path_of
 from floebmi.output import open_file
 from floebmi.variables import FLOE_VARIABLES, VARIABLES
 
@@ -61,9 +61,10 @@ def export(
     InputError
         if `path` is no such file, or `folder` is a file.
     """
-    folder = Path(folder)
-    if folder.is_file():
-        raise InputError(f"{folder}: is a file; give the name of a folder")
+    folder = path_of("folder", folder)
+    check_new_folder(folder)
+    if not (progress is None or callable(progress)):
+        raise InputError(f"progress = {in_line(progress)}: must be a function, or None")
     with open_file(path, "trajectories", "gridded") as data:
         data.set_auto_mask(False)
         floes = data.floebmi_file.startswith("trajectories")

@@ -49,7 +49,7 @@ from floebmi.drawing import (
     draw_scale_bar,
 )
 from floebmi.errors import InputError, choose
-from floebmi.files import check_kind, in_one_go
+from floebmi.files import check_kind, in_one_go, path_of
 from floebmi.film import write_gif, write_mp4
 from floebmi.output import open_file
 from floebmi.page import page_of, write_page
@@ -229,7 +229,7 @@ def animate(
     InputError
         as `frame`, and for another ending of the name, fps < 1 or every < 1.
     """
-    to = Path(to)
+    to = path_of("to", to)
     check_kind(to, (".mp4", ".gif"))
     if not (is_number(fps) and fps >= 1):
         raise InputError(f"fps = {fps!r}: must be at least 1")
@@ -277,7 +277,7 @@ def page(
     InputError
         as `frame`, and for another ending of the name or every < 1.
     """
-    to = Path(to)
+    to = path_of("to", to)
     check_kind(to, (".html",))
     check_every(every)
     with ExitStack() as files:

@@ -11,14 +11,14 @@ the speed; on a plane that is not conformal the angle is the one nearest to the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 from floebmi.quantities import unmasked
 
 if TYPE_CHECKING:
@@ -32,9 +32,15 @@ _NEAR_POLE = 89.99
 _MOST_TURNS = 1440.0  # longitudes beyond are none [degrees]
 
 
-@lru_cache(maxsize=32)
 def _proj(projection: str) -> tuple[Proj, float]:
     """The projection, and the length of its unit [m]."""
+    if not isinstance(projection, Hashable):
+        raise InputError(f"projection = {in_line(projection)}: must be a text, such as 'EPSG:3413'")
+    return _known(projection)
+
+
+@lru_cache(maxsize=32)
+def _known(projection: str) -> tuple[Proj, float]:
     import pyproj
 
     try:

@@ -3,7 +3,7 @@
 import math
 import numbers
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, get_args, get_type_hints
 
 import numpy as np
@@ -138,6 +138,12 @@ def check_flag(name: str, value: object) -> None:
     """InputError for what is neither True nor False: a text such as "no" would be true."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name} = {value!r}: must be True or False")
+
+
+def check_table(name: str, value: object) -> None:
+    """InputError for what is neither a dict or the like nor None."""
+    if not isinstance(value, Mapping | None):
+        raise InputError(f"{name} = {in_line(value)}: must be a dict")
 
 
 def number_in(value: object) -> float:

@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
+from floebmi.alone import alone, refuse_another
 from floebmi.errors import InputError, in_line
 from floebmi.meter import meter
-from floebmi.quantities import is_number
+from floebmi.quantities import check_flag, check_table, is_number
 
 if TYPE_CHECKING:
     from floebmi.budgets import Ledger
@@ -182,7 +183,7 @@ def run(
     ------
     InputError
         for a duration or an interval that cannot be, a file that exists or is named twice, forcing that does not reach,
-        or that was made for other cells.
+        for one that was made for other cells, and while another thread is at work on the model.
     StabilityError
         if floes leave what the step resolves.
 
@@ -195,13 +196,17 @@ def run(
     array([60.])
     """
     from floebmi.clock import text_of
-    from floebmi.files import check_target
+    from floebmi.files import check_target, path_of
     from floebmi.model import Model
     from floebmi.output import save_restart
     from floebmi.timing import shares_of_a_step
 
     if not isinstance(model, Model):
         raise InputError(f"run: model = {in_line(model)}: must be a Model")
+    refuse_another(model, "run")
+    for name, flag in (("overwrite", overwrite), ("progress", progress), ("profile", profile)):
+        check_flag(name, flag)
+    check_table("attributes", attributes)
     total = _positive("duration", duration)
     every = _positive("every", total / 20 if every is None else every)
     exchange = every if exchange is None else _positive("exchange", exchange)
@@ -210,7 +215,15 @@ def run(
     _check_sources(model, {"ocean": ocean, "atmosphere": atmosphere}, start, end)
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
-    files = [Path(path) for path in (gridded, trajectories, restart) if path is not None]
+    files = [
+        path_of(name, path)
+        for name, path in (
+            ("gridded", gridded),
+            ("trajectories", trajectories),
+            ("restart", restart),
+        )
+        if path is not None
+    ]
     _refuse_one_file_for_two(files)
     if restart is not None:
         check_target(Path(restart), overwrite)
@@ -220,6 +233,7 @@ def run(
     if reference is not None:
         of_state |= {"start": text_of(reference), "calendar": calendar}
     with contextlib.ExitStack() as stack:
+        stack.enter_context(alone(model, "run"))
         interrupted = stack.enter_context(_gentle_interrupt())
         write = stack.enter_context(
             _Frames(

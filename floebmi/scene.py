@@ -33,7 +33,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose, in_line
-from floebmi.files import in_one_go
+from floebmi.files import check_new_folder, check_target, in_one_go
 from floebmi.floes import Floes
 from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
@@ -844,7 +844,7 @@ def find_scene(scene: str | Path) -> Path:
     InputError
         if there is neither; it names the packaged scenes and a near one.
     """
-    if not isinstance(scene, str | os.PathLike):
+    if not isinstance(scene, str | os.PathLike) or "\0" in str(scene):
         raise InputError(f"scene = {in_line(scene)}: must be the path of a file or a packaged name")
     path = Path(scene)
     if path.is_file() or path.suffix in _SUFFIXES or len(path.parts) > 1:
@@ -928,6 +928,9 @@ def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:
             if part.exists():
                 copies[part] = target.parent / part.relative_to(source.parent)
     for old, new in copies.items():
+        check_new_folder(new.parent)
+        if new.parent.is_dir():
+            check_target(new, overwrite=True)
         if new.exists() and not force and new.read_bytes() != old.read_bytes():
             raise InputError(
                 f"{new}: exists already; choose another place, or replace it with --force"

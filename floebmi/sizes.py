@@ -16,6 +16,7 @@ import numpy as np
 from annotated_types import Ge, Le, MinLen
 
 from floebmi.errors import InputError
+from floebmi.files import path_of
 from floebmi.quantities import NonNegative, Positive, check, number_in, unmasked
 
 # What a header may say that is no radius [m].
@@ -269,7 +270,7 @@ def from_file(path: str | Path) -> Histogram | Empirical:
     InputError
         naming file, row, column and value.
     """
-    path = Path(path)
+    path = path_of("path", path)
     (first, header), *rows = csv_lines(path)
     if len(header) > 2 or len(rows) < len(header):
         raise InputError(

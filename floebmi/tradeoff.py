@@ -24,8 +24,8 @@ import numpy as np
 from floebmi import ensemble
 from floebmi.canvas import LINES, plain_numbers
 from floebmi.ensemble import Output
-from floebmi.errors import InputError
-from floebmi.files import contents
+from floebmi.errors import InputError, is_word
+from floebmi.files import check_new_folder, check_target, contents, path_of
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
@@ -278,8 +278,8 @@ def tradeoff(
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
-    to = Path(f"{scene.name}{SUFFIX}") if to is None else Path(to)
-    if of is not None and of not in COMPARED:
+    to = Path(f"{scene.name}{SUFFIX}") if to is None else path_of("to", to)
+    if of is not None and not is_word(of, COMPARED):
         raise InputError(f"of = {of!r}: must be one of {', '.join(COMPARED)}")
     if not 0 < error < 1:
         raise InputError(f"error = {error!r}: must be between 0 and 1")
@@ -289,6 +289,11 @@ def tradeoff(
         raise InputError(f"budget = {budget!r} minutes: must be greater than 0")
     if to.suffix != ".nc":
         raise InputError(f"--to {to}: must end in .nc")
+    check_new_folder(to.parent)
+    if to.parent.is_dir():
+        check_target(to, overwrite=True)
+    members = to.with_name(f"{to.name}.members")
+    check_new_folder(members)
     if to.exists():
         read(to)  # replaced by a newer result is a result, and nothing else
     built, schedule = scene.build(), scene.schedule(duration)
@@ -316,7 +321,6 @@ def tradeoff(
         "exchange": schedule.exchange,
         "every": schedule.every,
     }
-    members = to.with_name(f"{to.name}.members")
 
     def run(texts: Sequence[str]) -> ensemble.Ensemble:
         return ensemble.run(

@@ -34,7 +34,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError, choose
-from floebmi.files import in_one_go
+from floebmi.files import check_target, in_one_go, path_of
 from floebmi.floes import FIXED, FIXED_ROTATION, FIXED_X, Floes
 from floebmi.forces import AirDrag, Coriolis, OceanDrag
 from floebmi.grid import Grid
@@ -157,7 +157,9 @@ def save(results: dict[str, list[Measure]], path: str | Path) -> None:
         for name, measures in results.items()
     }  # fmt: skip
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-    with in_one_go(Path(path)) as part:
+    path = path_of("path", path)
+    check_target(path, overwrite=True)
+    with in_one_go(path) as part:
         part.write_text(text, encoding="utf-8")
 
 

@@ -92,7 +92,7 @@ _RUNNING = "from the start, where it is 0; never reset"
 # in a file: the mean since the last frame; of the ice alone, what open water gets is not in it
 _OVER_FRAMES = "area: mean where sea_ice over all_area_types time: mean"
 _OVER_EXCHANGE = "area: mean time: mean (over the last exchange interval)"
-_OVER_ICE = "area: mean where sea_ice time: mean (over the last exchange interval)"
+_OVER_ICE = "area: mean where sea_ice time: mean (comment: over the area of ice at the end)"
 _ICE_MEAN = "area: mean where sea_ice time: point"
 
 
@@ -246,6 +246,11 @@ _STATE = (
         mean="area: mean (over floes) time: point",
     ),
 )
+
+# the stress per ice area, and that per cell area which is the same impulse
+PER_ICE_AREA = {
+    f"ocean_stress_per_ice_area_{axis.letter}": f"ocean_stress_{axis.letter}" for axis in AXES
+}
 
 _STRESSES = (
     *_vectors(

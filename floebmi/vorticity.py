@@ -4,15 +4,21 @@ The gradient in a wet cell is the weighted least-squares fit through the wet cel
 it: exact for a field that is linear in space, on every kind of grid and beside every coast.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy import sparse
 
 from floebmi.grid import Grid
 from floebmi.kernels import in_place
 
+if TYPE_CHECKING:
+    from scipy import sparse
 
-def gradient_operators(grid: Grid) -> tuple[sparse.csr_array, sparse.csr_array]:
+
+def gradient_operators(grid: Grid) -> "tuple[sparse.csr_array, sparse.csr_array]":
     """Sparse matrices (size, size) that give ∂/∂x and ∂/∂y [1/m] at the cells; 0 on dry and lone cells."""
+    from scipy import sparse  # takes a while, and floes that do not turn need none
+
     corner = grid.face_nodes.astype(np.int32)  # half the bytes, of which a product reads millions
     cell = np.repeat(np.arange(grid.size, dtype=np.int32), corner.shape[1])[corner.ravel() >= 0]
     node = corner.ravel()[corner.ravel() >= 0]

@@ -385,6 +385,41 @@ def test_stress_per_ice_area_times_the_fraction_is_that_per_cell_area_over_many_
     np.testing.assert_allclose(per_ice * fraction, value(component, STRESS), rtol=1e-12)
 
 
+@pytest.mark.parametrize("until", [60.0, 130.0])
+def test_an_edit_of_the_floes_is_seen_at_once_whether_outputs_were_asked_for_before_or_not(
+    scene: Path, until: float
+) -> None:
+    file = scene.with_name("bmi.toml")
+    file.write_text('[bmi]\nscene = "scene.toml"\nfloe_capacity = 100\n')
+    early, late, plain = started(file), started(file), started(file)
+    everything(early)
+    for one in (early, late, plain):
+        one.update_until(until)
+    before, held = everything(early), early.get_value_ptr("sea_ice__area_fraction")
+    for one in (early, late):
+        one.model.floes.x[1] += 150.0
+        one.model.floes.u[0] = 0.3
+    grid = early.get_var_grid("sea_ice_floe_center__x_coordinate")
+    for one in (early, late):
+        assert one.get_grid_x(grid, np.empty(100))[1] == one.model.floes.x[1]
+    assert same(everything(early), everything(late))
+    assert np.array_equal(held, value(late, "sea_ice__area_fraction"))
+    assert (value(early, DRIFT) != before[DRIFT]).any()
+    assert (value(early, "sea_ice__area_fraction") != before["sea_ice__area_fraction"]).any()
+    per_ice = value(early, STRESS.replace("ice_bottom", "ice_floe_bottom"))
+    ice = value(early, "sea_ice__area_fraction") + value(
+        early, "sea_ice_floe_overlap__area_fraction"
+    )
+    np.testing.assert_allclose((per_ice * ice)[ice > 0], before[STRESS][ice > 0], rtol=1e-12)
+    for name in (STRESS, IMPULSE, MOMENTUM):  # of the update before
+        assert np.array_equal(value(early, name), before[name])
+    plain.model.floes.x[1] += 150.0
+    plain.model.floes.u[0] = 0.3
+    for one in (early, late, plain):  # to look changes nothing
+        one.update()
+    assert same(everything(early), everything(late)) and same(everything(early), everything(plain))
+
+
 def test_the_linear_drag_coefficient_is_that_at_the_end_of_an_update(scene: Path) -> None:
     component, other = started(scene), started(scene)
     component.update_until(600.0)  # ten exchanges

@@ -12,10 +12,22 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 
-from floebmi import Floes, Model, __version__, read_scene, running
+from floebmi import (
+    Floes,
+    Model,
+    __version__,
+    ensemble,
+    files,
+    paraview,
+    plot,
+    read_scene,
+    running,
+    validate,
+)
 from floebmi.cli import floebmi
 from floebmi.explain import notes
 from floebmi.output import load_restart
+from floebmi.scene import Scene
 from floebmi.scenes import packaged
 
 
@@ -259,6 +271,131 @@ def test_output_is_not_replaced_without_force(cli, ran):
     assert str(ran / "floes.nc") in result.stderr
     assert (ran / "floes.nc").read_bytes() == before
     assert cli(*fast("--to", ran, "--force")).exit_code == 0
+
+
+def dangling(place):
+    place.symlink_to("nowhere")
+
+
+def other_kind(place):
+    place.write_text("mine") if place.name == "paraview" else place.mkdir()
+
+
+def read_only(place):
+    place.mkdir() if place.name == "paraview" else place.write_text("mine")
+    place.chmod(0o555)
+
+
+def in_a_read_only_folder(place):
+    place.parent.chmod(0o555)
+
+
+REFUSED = {
+    dangling: "is a link to nowhere, which is not there; remove the link, or choose another name",
+    other_kind: "is a folder; give the name of a file",
+    read_only: "is read-only; choose another",
+    in_a_read_only_folder: "is read-only; choose another place",
+}
+
+
+@pytest.fixture
+def modes_count(monkeypatch):
+    """Those of a file say who may write, also to a superuser."""
+    access = os.access
+    monkeypatch.setattr(
+        os, "access", lambda path, how: access(path, how) and not (how & os.W_OK and not os.stat(path).st_mode & 0o200)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("bad", REFUSED)
+@pytest.mark.parametrize(
+    "name", ["gridded.nc", "floes.nc", "restart.nc", "two-floes.png", "paraview"]
+)
+def test_a_place_where_no_output_can_be_made_is_refused_before_the_run(
+    cli, tmp_path, monkeypatch, modes_count, name, bad
+):
+    monkeypatch.setattr(Scene, "build", lambda self: pytest.fail("the run has begun"))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    bad(folder / name)
+    more = ["output.gridded=true", "output.paraview=true", "grid.shape=[2, 2]"]
+    sets = [word for change in more for word in ("--set", change)]
+    result = cli(*fast("--force", "--to", folder, *sets))
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.output
+    said = (
+        "is a file; give the name of a folder"
+        if bad is other_kind and name == "paraview"
+        else REFUSED[bad]
+    )
+    assert said in result.stderr
+
+
+@pytest.mark.parametrize("bad", REFUSED)
+@pytest.mark.parametrize(
+    "command, name",
+    [
+        ("plot {ran} --to {place}", "a.png"),
+        ("plot {ran} --ledger --to {place}", "a.svg"),
+        ("animate {ran} --to {place}", "a.gif"),
+        ("view {ran} --to {place}", "a.html"),
+        ("export {ran} --to {place}", "paraview"),
+        ("validate 1 --save {place}", "a.json"),
+        ("tradeoff two-floes --to {place}", "a.nc"),
+        ("tradeoff two-floes --to {place.parent}/a.nc", "a.png"),
+        ("experiment strait --save {place}", "a.nc"),
+        ("experiment strait --figure 6 --save {place}", "a.png"),
+        ("scene two-floes --to {place.parent}", "two-floes.toml"),
+    ],
+)
+def test_such_a_place_is_refused_by_every_command_before_its_work(
+    cli, ran, tmp_path, monkeypatch, modes_count, command, name, bad
+):
+    for module, work in (
+        (ensemble, "run"),
+        (validate, "table"),
+        (plot, "_open_view"),
+        (paraview, "open_file"),
+    ):
+        monkeypatch.setattr(module, work, lambda *a, **k: pytest.fail("work has begun"))
+    place = tmp_path / "here" / name
+    place.parent.mkdir()
+    bad(place)
+    force = (
+        ["--force"]
+        if command.split()[0] in ("plot", "animate", "view", "export", "validate", "scene")
+        else []
+    )
+    result = cli(*command.format(ran=ran, place=place).split(), *force)
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.output
+    said = (
+        "is a file; give the name of a folder"
+        if bad is other_kind and name == "paraview"
+        else REFUSED[bad]
+    )
+    assert said in result.stderr
+
+
+def test_a_scene_with_the_longest_name_a_file_can_have_runs_to_its_picture(cli, tmp_path):
+    name = "n" * 250
+    assert cli("scene", "two-floes", "--to", f"{name}.toml").exit_code == 0
+    result = cli("run", f"{name}.toml", "--set", "time.duration=15", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / name / f"{name}.png").exists()
+    assert not list((tmp_path / name).glob("*.part"))
+    result = cli("tradeoff", f"{name}.toml")
+    assert result.exit_code == 2 and result.stderr.rstrip().endswith("File name too long")
+
+
+def test_a_second_run_in_a_folder_is_refused_and_leaves_the_first_ones_files(cli, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    with files.alone_in(folder):
+        for more in ([], ["--force"], ["--set", "output.trajectories=false"]):
+            result = cli(*fast("--to", folder, *more))
+            assert result.exit_code == 2 and not list(folder.iterdir())
+            assert result.stderr == f"floebmi: {folder}: another run is going on in it; give another folder with --to\n"  # fmt: skip
+    assert cli(*fast("--to", folder)).exit_code == 0
+    assert {"floes.nc", "restart.nc"} <= {path.name for path in folder.iterdir()}
 
 
 def test_a_run_can_go_on_from_its_restart_file_to_the_same_bits(cli, ran, tmp_path):

@@ -859,10 +859,10 @@ class Faulty:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_in_parts_and_with_faults_anywhere_a_coupling_ends_where_one_without_does(seed, ocean):
-    """In the middle of an exchange of either model; a fault of the host after its step leaves no line of it."""
+    """In the middle of an exchange of either model, or right after it: each exchange has its line, once."""
     rng = np.random.default_rng(seed)
     straight, ice = ocean(), Ice(hexagons())
-    Coupling(straight, ice, 120.0).run(1800.0)
+    whole = Coupling(straight, ice, 120.0).run(1800.0)
     model, other = ocean(), Ice(hexagons())
     host, floes = Faulty(model), Faulty(other)
     coupling, faults = Coupling(host, floes, 120.0), 0
@@ -878,11 +878,58 @@ def test_in_parts_and_with_faults_anywhere_a_coupling_ends_where_one_without_doe
         host.fail("", 0, False), floes.fail("", 0, False)
     coupling.run(1800.0)
     assert faults > 2
-    times = [line.time for line in coupling.ledger]
-    assert times == sorted(set(times)) and max(line.relative for line in coupling.ledger) < 1e-12
+    assert [line.time for line in coupling.ledger] == [line.time for line in whole]
+    assert max(line.relative for line in coupling.ledger) < 1e-12
+    assert coupling.ledger[-1].turnover == pytest.approx(whole[-1].turnover, rel=1e-12)
     for name in SURFACE:
         assert np.array_equal(model.get_value_ptr(name), straight.get_value_ptr(name))
     assert np.array_equal(other.velocity, ice.velocity)
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_host_that_fails_right_after_its_step_leaves_the_line_of_that_exchange(silent, ocean):
+    model, told = ocean(), []
+
+    def dies_after(t):
+        model.update_until(t)
+        if silent:  # it tells the time still, and nothing else
+            host.get_value = dies
+        raise RuntimeError("disk full")
+
+    def dies(*given):
+        raise RuntimeError("disk full")
+
+    host = failing(model, 2, dies_after)
+    with pytest.raises(CouplingError, match="exchange 2, 300 … 600 s: disk full"):
+        couple(host, Ice(hexagons()), every=300.0, until=1800.0, show=told.append)
+    straight = couple(ocean(), Ice(hexagons()), every=300.0, until=600.0)
+    assert told[1] == HEADER and told[2] == str(straight[0])
+    assert len(told) == 4
+    if silent:
+        assert told[3].split()[:7] == str(straight[1]).split()[:7] and told[3].count("–") == 3
+    else:
+        assert told[3] == str(straight[1])
+
+
+def test_a_host_that_is_silent_after_its_step_has_the_line_when_it_answers_again(ocean):
+    model = ocean()
+
+    def dies(*given):
+        raise RuntimeError("node lost")
+
+    def dies_after(t):
+        model.update_until(t)
+        host.get_current_time = dies
+
+    host = failing(model, 2, dies_after)
+    coupling = Coupling(host, Ice(hexagons()), 300.0)
+    with pytest.raises(CouplingError, match="exchange 2, 300 … 600 s: node lost"):
+        coupling.run(900.0)
+    assert [line.time for line in coupling.ledger] == [300.0]
+    del host.get_current_time
+    coupling.run(900.0)
+    straight = couple(ocean(), Ice(hexagons()), every=300.0, until=900.0)
+    assert list(map(str, coupling.ledger)) == list(map(str, straight))
 
 
 def test_a_running_integral_that_is_no_number_is_refused_before_the_floes_move(ocean):

@@ -8,11 +8,11 @@ from uncompiled import uncompiled
 
 from floebmi import advance
 from floebmi.bonds import TensileStrength
-from floebmi.boundaries import Domain
+from floebmi.boundaries import Domain, Wall
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, frictional
 from floebmi.dynamics import Marked, Step, strayed, time_left_to_push, time_to_push
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import FIXED, FIXED_Y, Floes
+from floebmi.floes import FIXED, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag
 from floebmi.model import Model
 from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, stable_step
@@ -326,6 +326,24 @@ def test_held_axes_keep_their_velocity_and_the_held_force_is_booked():
     assert floes.u[0] < 0
     assert model.ledger.accounts["held floes and coast"][1] < 0
     assert model.ledger.balance("momentum_x").relative < 1e-12
+
+
+@pytest.mark.parametrize("held", ["axis", "floe", "wall"])
+def test_the_work_of_what_is_held_as_a_run_begins_under_load_is_booked(held):
+    floes, walls, account = (
+        Floes([0.0, 3.0], [0.0, 19.5], 10.0, 1.0, u=[0.0, 0.5]),
+        (),
+        "held floes and coast",
+    )
+    floes.motion[:] = FIXED, FIXED_X
+    if held == "floe":
+        floes = Floes([0.0, 19.8], 0.0, 10.0, 1.0, u=[0.5, 0.0], motion=[FIXED, 0])
+    if held == "wall":
+        floes, walls, account = Floes(-490.2, 0.0, 10.0, 1.0), [Wall("west", velocity=0.5)], "walls"
+    model = Model(DOMAIN, floes, contact=Contact(), walls=walls)
+    model.step_by(1)
+    assert abs(model.ledger.accounts[account][3]) > 1e3
+    assert model.ledger.balance("energy").relative < 1e-5  # n turns a little
 
 
 def test_a_step_that_is_too_long_stops_the_run_and_says_which_would_hold():

@@ -301,7 +301,7 @@ def test_of_straits_the_file_and_the_words_tell_what_the_statistics_find(straits
     jam = HOUR * np.array([*JAMS.values(), np.nan, np.nan, np.nan])
     begin = HOUR * np.array([1.0, 1.0, 1.0, 1.0, np.nan, np.nan])
     likely = statistics.timescale(jam, begin, np.full(6, 9 * HOUR))
-    fit = statistics.fit_survival(jam)
+    fit = statistics.fit_survival(jam[np.isfinite(begin)])
     one = straits.data.sel(tensile_strength=2e5)
     for name, value in (
         ("jamming_timescale", likely.value), ("jamming_timescale_bounds", likely[1:]), ("jammed", 3),

@@ -1,5 +1,8 @@
 """The model as a whole: what is absent is absent, overlaps are refused, books close, calls may be split."""
 
+import subprocess
+import sys
+
 import numba
 import numpy as np
 import pytest
@@ -602,3 +605,9 @@ def test_an_advance_that_fails_leaves_the_model_as_it_was(scheme, monkeypatch):
 def test_a_balance_of_what_is_not_booked_is_refused_in_one_line():
     with pytest.raises(InputError, match="balance of 'momentum': allowed: .*mean 'momentum_"):
         pair().ledger.balance("momentum")
+
+
+def test_a_model_is_imported_without_what_only_some_models_need():
+    code = "import sys, floebmi.model; print([m for m in ('scipy.sparse', 'xarray', 'netCDF4', 'shapely', 'pydantic') if m in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout == "[]\n"

@@ -128,6 +128,25 @@ def test_the_stress_of_the_last_exchange_alone_would_not_give_the_impulse(run):
     assert not np.allclose(last, mean, rtol=0.01)
 
 
+def test_stress_per_ice_area_times_the_concentration_is_the_mean_stress_of_the_frame(gridded):
+    ice = gridded.sea_ice_area_fraction + gridded[find("overlap_fraction").file_name]
+    for axis in "xy":
+        row = find(f"ocean_stress_per_ice_area_{axis}")
+        per_ice, per_cell = (
+            gridded[row.file_name],
+            gridded[f"downward_{axis}_stress_at_sea_ice_base"],
+        )
+        there = (ice > 0) & (gridded.time > gridded.time[0])
+        assert (np.isfinite(per_ice) == there).all() and there.any()
+        np.testing.assert_allclose(
+            (per_ice * ice).values[there], per_cell.values[there], rtol=1e-12
+        )
+        told = per_ice.attrs["cell_methods"]
+        assert (
+            told == "area: mean where sea_ice time: mean (comment: over the area of ice at the end)"
+        )
+
+
 def test_stress_is_missing_where_no_time_has_passed(gridded):
     assert np.isnan(gridded.downward_x_stress_at_sea_ice_base.values[0]).all()
 

@@ -249,7 +249,7 @@ def test_a_floe_alone_is_as_stiff_as_one_in_a_pack_of_its_kind():
     assert rate == pytest.approx(2.0 * w[0] * damping(law.dashpot, k, 2.0 * w[0]))
 
 
-def test_contact_forces_press_and_work_on_what_is_free_to_move():
+def test_contact_forces_press_on_what_is_free_to_move_and_work_on_what_is_held_too():
     floes, force = (np.zeros(2, kind).view(np.recarray) for kind in (SPINNING, FORCE_AND_TORQUE))
     floes.u, floes.v, floes.omega = [0.3, 0.5], [0.7, 1.1], [1.3, 1.7]
     force.x, force.y, force.torque = [2.0, 3.0], [5.0, 7.0], [11.0, 13.0]
@@ -262,4 +262,5 @@ def test_contact_forces_press_and_work_on_what_is_free_to_move():
     press, power = uncompiled(pressed)(p, walls)
     of_floes = 0.1 * 3.0**2 + 0.2 * 5.0**2 + 0.4 * 13.0**2
     assert press == pytest.approx(of_floes + 0.3 * 19.0 * (19.0 - 29.0))
-    assert power == pytest.approx(3.0 * 0.5 + 5.0 * 0.7 + 13.0 * 1.7 + 19.0 * 2.3)
+    along = 2.0 * 0.3 + 3.0 * 0.5 + 5.0 * 0.7 + 7.0 * 1.1
+    assert power == pytest.approx(along + 11.0 * 1.3 + 13.0 * 1.7 + 17.0 * 1.9 + 19.0 * 2.3)

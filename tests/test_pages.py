@@ -72,6 +72,8 @@ LONG = re.compile(
     "floebmi (tradeoff|validate .|experiment (shear|strait)|run strait |plot .*tradeoff|run .* --accuracy|explain .* --calibrate)"
     "|python -m (benchmarks|examples|pytest)|python examples|mpirun|bmi-test"
 )
+# Pages that take long however short their commands are: kernels of laws of their own, processes one after the other.
+LONG_PAGES = {"docs/howto/a-law-of-your-own.md", "docs/hosts/any-bmi-host.md"}
 # Not run from a page: the file that runs it, and by which words.
 ELSEWHERE = {
     r"python -m venv venv": (".ci/run", "python3 -m venv"),
@@ -370,7 +372,10 @@ def test_no_block_of_a_page_is_passed_over(page):
     assert len(ends) == 2 * len(FENCE.findall(read(page)))
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.long] * (page in LONG_PAGES)) for page in PAGES],
+)
 def test_what_a_page_tells_the_reader_to_write_and_run_works(page, elsewhere):
     works(page, long=False)
 

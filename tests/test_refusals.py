@@ -9,10 +9,16 @@ import pytest
 import xarray as xr
 
 import floebmi as fb
+from coupling.driver import couple
 from coupling.regrid import Regrid
-from coupling.vectors import turn
-from floebmi.coast import from_land_fraction, from_polygons
+from coupling.slab import TwoSlabOcean
+from coupling.vectors import Staggered, turn
+from floebmi import ensemble, output, paraview, plot, sizes, tradeoff
+from floebmi.bmi_buffers import numbers_of
+from floebmi.coast import from_geojson, from_land_fraction, from_polygons
 from floebmi.errors import InputError
+from floebmi.experiments import campaign
+from floebmi.experiments.parameters import Strait
 from floebmi.projection import centred_projection, to_plane
 
 BOX = fb.Domain((0.0, 2000.0), (0.0, 1000.0))
@@ -157,3 +163,131 @@ def test_an_inflow_is_open_between_two_numbers(span):
             contact=fb.Contact(),
             inflow=fb.Inflow("west", fb.SingleSize(50.0), span=span),
         )
+
+
+# ---- paths, words and lists of another kind -----------------------------------------------------
+
+
+def a_model():
+    return fb.Model(BOX, fb.Floes(500.0, 500.0, 10.0, 1.0))
+
+
+NO_PATHS = {
+    "an array": np.array(["a", "b"]),
+    "a number": 3,
+    "bytes": b"a.nc",
+    "a list": [["a.nc"]],
+    "a generator": (x for x in "a"),
+    "a NUL": "a\0b",
+}
+PATHS = {
+    "read_floes": fb.read_floes,
+    "read_scene": fb.read_scene,
+    "read_scalar": lambda path: fb.read_scalar([path], "thickness", GRID),
+    "from_geojson": lambda path: from_geojson(path, 5.0),
+    "sizes of a file": sizes.from_file,
+    "run gridded": lambda path: fb.run(a_model(), 1.0, gridded=path),
+    "run trajectories": lambda path: fb.run(a_model(), 1.0, trajectories=path),
+    "run restart": lambda path: fb.run(a_model(), 1.0, restart=path),
+    "GriddedWriter": lambda path: output.GriddedWriter(path, a_model()),
+    "save_restart": lambda path: output.save_restart(path, {}),
+    "load_restart": output.load_restart,
+    "frame": plot.frame,
+    "page": lambda path: plot.page("floes.nc", path),
+    "export": lambda path: paraview.export("floes.nc", path),
+    "ensemble": lambda path: ensemble.run(len, {}, {}, (1,), path),
+    "tradeoff": lambda path: tradeoff.tradeoff("two-floes", to=path),
+    "campaign": lambda path: campaign.run(Strait, {}, (1,), path),
+    "Regrid.to_netcdf": lambda path: Regrid(GRID, GRID).to_netcdf(path),
+    "Regrid.from_netcdf": lambda path: Regrid.from_netcdf(path, GRID, GRID),
+    "FloeBmi": lambda path: fb.FloeBmi().initialize(path),
+    "TwoSlabOcean": lambda path: TwoSlabOcean().initialize(path),
+}
+
+
+@pytest.mark.parametrize("value", NO_PATHS.values(), ids=NO_PATHS)
+@pytest.mark.parametrize("ask", PATHS.values(), ids=PATHS)
+def test_what_is_no_path_is_refused_in_one_line(ask, value):
+    with pytest.raises(InputError, match="must be") as caught:
+        ask(value)
+    assert "\n" not in str(caught.value)
+
+
+NO_WORDS = {
+    "an array": np.array(["a", "b"]),
+    "a table": {"a": 1},
+    "a list": ["a"],
+    "nothing": 0,
+    "bytes": b"a",
+}
+WORDS = {
+    "Domain": lambda word: fb.Model(BOX._replace(west=word), fb.Floes([], [], [], [])),
+    "Wall": lambda word: fb.Model(
+        BOX, fb.Floes([], [], [], []), fb.frictional(), walls=[fb.Wall(word)]
+    ),
+    "sampling": lambda word: fb.Model(BOX, fb.Floes([], [], [], []), sampling=word),
+    "scheme": lambda word: fb.Model(BOX, fb.Floes([], [], [], []), step=fb.Step(word)),
+    "lattice": lambda word: fb.regular(BOX, 10.0, 30.0, lattice=word),
+    "quantity": lambda word: fb.read_scalar("a.nc", word, GRID),
+    "kind": lambda word: fb.VelocityFile("a.nc", GRID, kind=word),
+    "projection": lambda word: to_plane(word, 0.0, 70.0),
+    "surface": lambda word: Regrid(GRID, GRID, surface=word),
+    "normalisation": lambda word: Regrid(GRID, GRID).flux(np.ones(8), word),
+    "Staggered": lambda word: Staggered(GRID, word),
+    "of": lambda word: tradeoff.tradeoff("two-floes", of=word),
+    "calendar": lambda word: output.GriddedWriter("a.nc", a_model(), calendar=word),
+    "names": lambda word: output.GriddedWriter("a.nc", a_model(), names=[word]),
+    "changing": lambda word: output.TrajectoryWriter("a.nc", a_model(), changing=[word]),
+    "variable": lambda word: TwoSlabOcean().get_var_units(word),
+}
+
+
+@pytest.mark.parametrize("value", NO_WORDS.values(), ids=NO_WORDS)
+@pytest.mark.parametrize("ask", WORDS.values(), ids=WORDS)
+def test_what_is_no_word_is_refused_in_one_line(ask, value):
+    with pytest.raises(InputError) as caught:
+        ask(value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "ask, said",
+    [
+        (lambda: fb.run(a_model(), 1.0, overwrite="no"), "overwrite = 'no': must be True or False"),
+        (lambda: fb.run(a_model(), 1.0, attributes=[1], gridded="a.nc"), "attributes = .*a dict"),
+        (lambda: output.GriddedWriter("a.nc", 3), "model = 3: must be a Model"),
+        (lambda: output.GriddedWriter("a.nc", a_model(), names=5), "names = 5: must be a list"),
+        (lambda: output.GriddedWriter("a.nc", a_model(), names="thickness"), "must be a list"),
+        (lambda: output.TrajectoryWriter("a.nc", a_model(), changing=None), "must be a list"),
+        (lambda: output.save_restart("a.nc", [1]), "state = .*: must be a dict"),
+        (lambda: output.save_restart("a.nc", {}, "words"), "attributes = 'words': must be a dict"),
+        (lambda: couple(None, None, every=1.0, until=1.0, units=[1]), "units = .*: must be a dict"),
+        (
+            lambda: couple(None, None, every=1.0, until=1.0, rescue=3),
+            "rescue = 3: must be the path",
+        ),
+        (lambda: ensemble.run(len, None, {}, (1,), "e"), "parameters = None: must be a dict"),
+        (lambda: ensemble.run(len, {}, [1], (1,), "e"), "sweep = .*: must be a dict"),
+        (lambda: ensemble.run("len", {}, {}, (1,), "e"), "member = 'len': must be a function"),
+        (lambda: ensemble.run(len, {}, {}, (1,), "e", on=3), "on = 3: must be an executor"),
+        (lambda: ensemble.gather({}, {}), "done = .*: must be what `run` returns"),
+        (lambda: numbers_of("u", [1, [2, 3]], 2), "u: .*: must be numbers, in rows of one length"),
+        (lambda: TwoSlabOcean().get_grid_rank(np.array([0, 1])), "unknown; allowed: 0, 1"),
+        (lambda: a_model().step_by("two"), "step_by: steps = 'two': must be a number, at least 0"),
+        (lambda: a_model().step_by(-1), "steps = -1: must be a number, at least 0"),
+        (
+            lambda: fb.Model(
+                BOX,
+                fb.Floes([], [], [], []),
+                fb.frictional(),
+                inflow=[fb.Inflow("north", fb.SingleSize(9.0), 1.0, (x for x in (0.0, -1.0)))],
+            ),
+            "inflow.velocity = .*: must be two numbers",
+        ),
+    ],
+)
+def test_other_odd_arguments_are_refused_in_one_line(ask, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=said) as caught:
+        ask()
+    assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())

@@ -436,6 +436,7 @@ def test_saved_weights_come_back_bit_for_bit_and_only_for_their_grids(tmp_path):
         np.testing.assert_array_equal(file["mask_a"][:], source.wet)
         np.testing.assert_array_equal(file["mask_b"][:], target.wet)
         assert file.normalization == "destarea"
+        assert file.title.startswith("weights") and "Z: written by floebmi" in file.history
         for side, word, grid in (("a", "src", source), ("b", "dst", target)):
             assert tuple(file[f"{word}_grid_dims"][::-1]) == grid.shape
             x, y = file[f"xv_{side}"][:], file[f"yv_{side}"][:]

@@ -1,9 +1,13 @@
 """Chunks and threads: the same bits for any number of threads, and nothing lost at the seams."""
 
+import threading
+from contextlib import contextmanager
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
-from floebmi import advance, threads, tiles
+from floebmi import advance, bmi, threads, tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
 from floebmi.dynamics import Step
@@ -13,6 +17,7 @@ from floebmi.forces import AirDrag, OceanDrag
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.packing import scatter
+from floebmi.running import run
 from floebmi.sizes import PowerLaw
 
 SIZES = PowerLaw(10.0, 40.0)
@@ -149,3 +154,104 @@ def test_coast_is_the_last_of_its_tile_and_nothing_changes_places_with_another_t
 def test_a_number_of_threads_that_is_none_is_refused(number):
     with pytest.raises(InputError, match="threads = .*: must be a whole number, at least 1"):
         Model(Domain((0, 9), (0, 9)), Floes(5.0, 5.0, 1.0, 1.0), threads=number)
+
+
+# ---- threads of somebody else -------------------------------------------------------------------
+
+
+@contextmanager
+def at_work(monkeypatch, call):
+    """Another thread in the middle of the steps of `call`; at the end it has come to its end."""
+    begun, go_on = threading.Event(), threading.Event()
+    steps, caller = advance.Advance.run, threading.get_ident()
+
+    def wait(self, *others):
+        if threading.get_ident() != caller:
+            begun.set()
+            assert go_on.wait(60.0)
+        return steps(self, *others)
+
+    monkeypatch.setattr(advance.Advance, "run", wait)
+    worker = threading.Thread(target=call)
+    worker.start()
+    try:
+        assert begun.wait(60.0)
+        yield
+    finally:
+        go_on.set()
+        worker.join()
+
+
+def two_floes():
+    box = Domain((0.0, 1000.0), (0.0, 1000.0))
+    return Model(box, Floes([300.0, 336.0], [500.0, 508.0], [20.0, 15.0], 1.0, u=[0.5, 0.0]))
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        lambda model, state: model.advance(5.0),
+        lambda model, state: model.restore(state),
+        lambda model, state: run(model, 5.0),
+        lambda model, state: model.state(),
+        lambda model, state: model.contacts(),
+        lambda model, state: deepcopy(model),
+    ],
+)
+@pytest.mark.parametrize("by_run", [False, True])
+def test_what_a_second_thread_asks_of_a_model_is_refused_and_the_first_goes_on(
+    second, by_run, monkeypatch
+):
+    def first(model):
+        if by_run:
+            run(model, 30.0)
+        else:
+            model.advance(30.0)
+
+    model, other = two_floes(), two_floes()
+    first(other)
+    state = model.state()
+    with (
+        at_work(monkeypatch, lambda: first(model)),
+        pytest.raises(InputError, match="another thread is at work on this model; wait for it"),
+    ):
+        second(model, state)
+    assert model.time == 30.0
+    for name in ("x", "y", "u", "v"):
+        assert np.array_equal(getattr(model.floes, name), getattr(other.floes, name))
+    assert np.array_equal(model.ledger.now, other.ledger.now)
+    for one in (model, other, deepcopy(model)):  # and it is free again
+        one.advance(5.0)
+        assert np.array_equal(one.floes.x, model.floes.x)
+
+
+def test_what_a_second_thread_asks_of_a_component_is_refused_and_the_first_goes_on(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "scene.toml").write_text(
+        """
+        time.exchange = 30.0
+        domain = {x = [0.0, 1000.0], y = [0.0, 1000.0]}
+        floes = {count = 8, size = {distribution = "single", radius = 100.0}, velocity = [0.5, 0.0]}
+        """
+    )
+    component, other = bmi.FloeBmi(), bmi.FloeBmi()
+    for one in (component, other):
+        one.initialize(str(tmp_path / "scene.toml"))
+    component.save_state(tmp_path / "state.nc")
+    thickness = component.get_output_var_names()[0]
+    for second in (
+        component.update,
+        lambda: component.update_until(component.get_current_time() + 9.0),
+        lambda: component.load_state(tmp_path / "state.nc"),
+        lambda: component.save_state(tmp_path / "other.nc"),
+        lambda: component.get_value_ptr(thickness),
+    ):
+        with (
+            at_work(monkeypatch, component.update),
+            pytest.raises(InputError, match="another thread is at work on this model; wait for it"),
+        ):
+            second()
+        other.update()
+        assert component.get_current_time() == other.get_current_time()
+        assert np.array_equal(component.model.floes.x, other.model.floes.x)

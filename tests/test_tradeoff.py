@@ -80,6 +80,10 @@ def test_a_quiet_scene_is_compared_pointwise_and_the_fastest_accurate_setting_is
     scene = read_scene(path)
     data = tradeoff.result(scene)
     assert "quiet" in data.comparison and data.of == "velocity"
+    assert (
+        data.Conventions == "CF-1.11" and data.title == "speed against accuracy of the scene pack"
+    )
+    assert "Z: written by floebmi" in data.history and data.source.startswith("floebmi ")
     errors = data.error.sel(quantity="velocity")
     assert errors.sel(setting=data.reference) == 0.0
     assert 0 < errors.sel(setting="step.fraction=0.3") < errors.sel(setting="")

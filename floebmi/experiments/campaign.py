@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from floebmi import __version__, ensemble
+from floebmi import ensemble
 from floebmi.errors import InputError
 from floebmi.experiments import shear, statistics, strait
 from floebmi.experiments.parameters import Experiment, Shear, code, make, rows
-from floebmi.files import check_folder
+from floebmi.files import check_new_folder, check_target, path_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -68,9 +68,10 @@ def run(
     InputError
         before anything runs, for a value that cannot be right or a place that is taken.
     """
-    path = Path(path)
+    path = path_of("path", path)
     members = path.with_name(f"{path.name}.members")
-    check_folder(path)
+    check_target(path, overwrite=True)
+    check_new_folder(members)
     if path.exists() and not members.exists():
         raise InputError(f"{path}: exists already, and is not of an ensemble; give another file")
     if not seeds:
@@ -101,8 +102,6 @@ def run(
     (_fit_shear if kind is Shear else _fit_strait)(data)
     data.attrs = {
         "title": (kind.__doc__ or "").split("(")[0].strip(),
-        "Conventions": "CF-1.11",
-        "source": f"floebmi {__version__}",
         "references": REFERENCE,
         "members_failed": len(done.failures),
         **parameters,
@@ -138,7 +137,9 @@ def _fit_strait(data: "xr.Dataset") -> None:
     )
     start = np.where(end > start, start, np.nan)  # too short a run says nothing
     likely = [statistics.timescale(*one) for one in zip(jam, start, end, strict=True)]
-    fitted = [statistics.fit_survival(one) for one in jam]
+    fitted = [
+        statistics.fit_survival(one[np.isfinite(s)]) for one, s in zip(jam, start, strict=True)
+    ]
 
     def put(name: str, values: Sequence[float], what: str, unit: str = "s") -> None:
         values = np.array(values, float).reshape(shape)

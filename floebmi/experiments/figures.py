@@ -23,7 +23,7 @@ from floebmi.ensemble import Failure
 from floebmi.errors import InputError
 from floebmi.experiments import campaign, shear, statistics, strait
 from floebmi.experiments.parameters import NORMAL_STRESSES, Experiment, Shear, Strait, make
-from floebmi.files import check_folder
+from floebmi.files import check_target, path_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,10 +91,10 @@ def make_figure(
     if kind is not KINDS[number]:
         right = KINDS[number].__name__.lower()
         raise InputError(f"figure {number}: is of the other experiment; floebmi experiment {right}")
-    to = Path(f"figure-{number}.png") if to is None else Path(to)
+    to = Path(f"figure-{number}.png") if to is None else path_of("to", to)
     if to.suffix not in (".png", ".pdf", ".svg"):
         raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
-    check_folder(to)
+    check_target(to, overwrite=True)
     maps = number in (1, 2, 5)  # drawn on water; graphs on white
     with in_style(WATER if maps else "white"):
         if maps:

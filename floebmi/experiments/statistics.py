@@ -56,7 +56,7 @@ def fit_survival(jam_time: ArrayLike) -> SurvivalFit:
     """T as in the paper: Levenberg-Marquardt through P_s at the jams, t₀ the first of them (eq. survival).
 
     With less than three jams there is nothing to fit: T and its deviation are NaN.  Runs that do not
-    jam count in the shares only, so P_s does not reach 0.
+    jam count in the shares only, so P_s does not reach 0.  What never let a floe out is no run that flows: leave it out.
     """
     from scipy.optimize import curve_fit
 
