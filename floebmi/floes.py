@@ -389,25 +389,21 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
     unit = _UNITS.get(name)
     if unit is None:
         return
-    is_size = name in ("radius", "thickness")
+    is_size, is_own = name in ("radius", "thickness"), name in _OWN_TYPES
     below = FARTHEST if is_size else np.inf
-    bounded = is_size or name in _OWN_TYPES
-    if all_finite(values, below) and not (bounded and values.min(initial=1.0) <= 0):
+    low = values <= 0 if is_size else values < 0 if is_own else np.False_
+    if all_finite(values, below) and not low.any():
         return
-    wrong = ~(np.abs(values) < below)  # NaN is wrong, too
-    if is_size:
-        wrong |= values <= 0
-    if name in _OWN_TYPES:
-        wrong |= values < 0
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        value = float(np.atleast_1d(values)[row])
-        bound = "at least 0" if name in _OWN_TYPES else "greater than 0"
-        if value >= FARTHEST:
-            bound = f"less than {FARTHEST:g} m"
-        right = bound if np.isfinite(value) else "a finite number"
-        given = f"{value!r} {unit}".strip()
-        raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")
+    row = int(np.flatnonzero(~(np.abs(values) < below) | low)[0])  # NaN is wrong, too
+    value = float(values.flat[row])
+    if not np.isfinite(value):
+        right = "a finite number"
+    elif value >= FARTHEST:
+        right = f"less than {FARTHEST:g} m"
+    else:
+        right = "at least 0" if is_own else "greater than 0"
+    given = f"{value!r} {unit}".strip()
+    raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")
 
 
 def _check_coast(values: Mapping[str, np.ndarray], first: int) -> None:

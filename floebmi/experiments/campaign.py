@@ -79,7 +79,7 @@ def run(
     table = {name: tuple(values.get(name, (default,))) for name, default, _ in rows(kind)}
     for name, several in values.items():
         if name not in table:
-            make(kind, {name: several[0]})  # says what is allowed
+            make(kind, {name: None})  # says what is allowed
         if len(set(several)) < len(several) or not several:
             raise InputError(f"{kind.__name__}.{name} = {several}: each value once, at least one")
         if name in TIMES and len(several) > 1:
