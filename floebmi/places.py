@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Position = Literal["auto", "mapping", "lonlat"]
+# 2-D longitude and latitude [degrees], and their names
+_LonLat = tuple[np.ndarray, np.ndarray, str]
 _PROJ_STRINGS = ("crs_wkt", "spatial_ref", "proj4_string", "proj4", "proj4_params", "proj4text")
 _SHAPES = (
     "earth_radius", "semi_major_axis", "semi_minor_axis", "inverse_flattening",
@@ -421,9 +423,7 @@ def _point(file: File, array: xr.DataArray) -> tuple[float | None, float | None]
     return place.get("lon"), place.get("lat")
 
 
-def _lonlat_net(
-    file: File, array: xr.DataArray, dims: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray, str] | None:
+def _lonlat_net(file: File, array: xr.DataArray, dims: tuple[str, ...]) -> _LonLat | None:
     """2-D longitude and latitude along dims, and their names; None if there are none that make sense."""
     named = str(array.encoding.get("coordinates", array.attrs.get("coordinates", ""))).split()
     pairs: dict[str, list[str]] = {"lon": [], "lat": []}
@@ -511,11 +511,7 @@ def _rotated(file: File, array: xr.DataArray) -> bool:
 
 
 def _nominal(
-    label: str,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    net: tuple[np.ndarray, np.ndarray, str] | None,
-    position: Position,
+    label: str, rows: np.ndarray, columns: np.ndarray, net: _LonLat | None, position: Position
 ) -> bool:
     """Whether latitudes and longitudes along two axes are elsewhere than those in 2-D, and a warning if so."""
     if net is None or rows.size < 2:
@@ -534,11 +530,7 @@ def _nominal(
 
 
 def _compare(
-    label: str,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    mapping: Mapping,
-    net: tuple[np.ndarray, np.ndarray, str],
+    label: str, rows: np.ndarray, columns: np.ndarray, mapping: Mapping, net: _LonLat
 ) -> None:
     """Warn if x, y with the projection and 2-D longitude, latitude mean different places."""
     every = tuple(slice(None, None, max(1, n // 50)) for n in (rows.size, columns.size))
