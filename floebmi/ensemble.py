@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Member = Callable[[Mapping[str, Any], int], Mapping[str, np.ndarray]]
+Key = tuple[int, int]  # of a member: its place in the sweep, and among the seeds
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -68,7 +69,7 @@ class Ensemble(NamedTuple):
     parameters: dict[str, Any]
     sweep: dict[str, tuple[Any, ...]]
     seeds: tuple[int, ...]
-    members: dict[tuple[int, int], dict[str, np.ndarray]]
+    members: dict[Key, dict[str, np.ndarray]]
     failures: list[Failure]
 
     def points(self) -> list[dict[str, Any]]:
@@ -137,12 +138,12 @@ def run(
     done.members.update({key: _load(path) for key, path in files.items() if path.exists()})
     left = [key for key in files if key not in done.members]
 
-    def arguments(key: tuple[int, int]) -> tuple[Member, dict[str, Any], int]:
+    def arguments(key: Key) -> tuple[Member, dict[str, Any], int]:
         return member, {**parameters, **points[key[0]]}, seeds[key[1]]
 
     with _bar(len(files), len(done.members), progress) as bar:
 
-        def keep(key: tuple[int, int], result: Mapping[str, np.ndarray] | Exception) -> None:
+        def keep(key: Key, result: Mapping[str, np.ndarray] | Exception) -> None:
             if not isinstance(result, Mapping | Exception):
                 result = InputError(
                     f"it returned {type(result).__name__}, must be a dict of arrays"
@@ -268,7 +269,7 @@ def _words(point: Mapping[str, Any], seed: int) -> str:
 
 def _files(
     folder: Path, points: Sequence[Mapping[str, Any]], seeds: Sequence[int]
-) -> dict[tuple[int, int], Path]:
+) -> dict[Key, Path]:
     """The file of each member; InputError if two would have one."""
     files = {
         (p, s): folder / f"{_words(point, seed).replace('/', '%2F')}.npz"  # a value may be a path
@@ -379,11 +380,9 @@ def _attempt(
     return result, heard
 
 
-def _in_waves(
-    keys: Sequence[tuple[int, int]], code: Callable[[tuple[int, int]], object]
-) -> Iterator[list[tuple[int, int]]]:
+def _in_waves(keys: Sequence[Key], code: Callable[[Key], object]) -> Iterator[list[Key]]:
     """First one member of each code, which compiles it; then all others."""
-    first: dict[object, tuple[int, int]] = {}
+    first: dict[object, Key] = {}
     for key in keys:
         first.setdefault(code(key), key)
     pioneers = list(first.values())
@@ -392,9 +391,9 @@ def _in_waves(
 
 
 def _spread(
-    keys: list[tuple[int, int]],
-    arguments: Callable[[tuple[int, int]], tuple[Member, dict[str, Any], int]],
-    keep: Callable[[tuple[int, int], Mapping[str, np.ndarray] | Exception], None],
+    keys: list[Key],
+    arguments: Callable[[Key], tuple[Member, dict[str, Any], int]],
+    keep: Callable[[Key, Mapping[str, np.ndarray] | Exception], None],
     jobs: int,
     on: "Executor | distributed.Client | None",
 ) -> None:
