@@ -117,16 +117,8 @@ def _container(data: "Dataset", name: str, attributes: Mapping[str, Any]) -> Non
 
 
 GEOGRAPHIC = {
-    "latitude": {
-        "standard_name": "latitude",
-        "long_name": "latitude",
-        "units": "degrees_north",
-    },
-    "longitude": {
-        "standard_name": "longitude",
-        "long_name": "longitude",
-        "units": "degrees_east",
-    },
+    name: {"standard_name": name, "long_name": name, "units": units}
+    for name, units in (("latitude", "degrees_north"), ("longitude", "degrees_east"))
 }
 
 
@@ -160,20 +152,12 @@ def define_land(data: "Dataset", land: "shapely.Geometry", projection: str | Non
             **({} if projection is None else {"grid_mapping": "crs"}),
         },
     )
+    corners = map(shapely.count_coordinates, shapes)
+    lakes = (int(k > 0) for of_shape in rings for k in range(len(of_shape)))
     for name, dimension, text, values in (
-        (
-            "node_count",
-            "land",
-            "corners of each piece of land",
-            map(shapely.count_coordinates, shapes),
-        ),
+        ("node_count", "land", "corners of each piece of land", corners),
         ("ring_node_count", "land_ring", "corners of each ring", map(len, nodes)),
-        (
-            "interior_ring",
-            "land_ring",
-            "0 for a shore, 1 for the shore of a lake",
-            (int(k > 0) for of_shape in rings for k in range(len(of_shape))),
-        ),
+        ("interior_ring", "land_ring", "0 for a shore, 1 for the shore of a lake", lakes),
     ):
         variable = data.createVariable(f"land_{name}", "i4", (dimension,), fill_value=False)
         variable.long_name = text
@@ -188,16 +172,16 @@ def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | No
     """Dimensions, coordinates, bounds, areas and mask of a grid."""
     if grid.kind == "unstructured":
         dimensions = (f"cell{suffix}",)
-        corners = _define_mesh
+        define = _define_mesh
     elif grid.x_edges is None:
         dimensions = (f"j{suffix}", f"i{suffix}")
-        corners = _define_corners
+        define = _define_corners
     else:
         dimensions = (f"y{suffix}", f"x{suffix}")
-        corners = _define_edges
+        define = _define_edges
     for name, size in zip(dimensions, grid.shape, strict=True):
         data.createDimension(name, size)
-    attributes = corners(data, grid, suffix, dimensions)
+    attributes = define(data, grid, suffix, dimensions)
     if projection is not None:
         attributes["grid_mapping"] = "crs"
         _define_geographic(data, grid, suffix, dimensions, projection)
@@ -312,11 +296,7 @@ def _define_mesh(
         centre = data.createVariable(axis + suffix, "f8", dimensions)
         centre.setncatts(_centre(axis))
         centre[:] = getattr(grid, axis)
-    return {
-        "coordinates": f"x{suffix} y{suffix}",
-        "mesh": f"mesh{suffix}",
-        "location": "face",
-    }
+    return {"coordinates": f"x{suffix} y{suffix}", "mesh": f"mesh{suffix}", "location": "face"}
 
 
 def describe(row: Variable) -> dict[str, str]:
@@ -351,26 +331,17 @@ def define_ledger(data: "Dataset") -> None:
     # them, and a run that is killed while both go to the disk would leave rows that point to nothing
     data.createDimension("ledger_name", ACCOUNT_LENGTH)
     account = data.createVariable(
-        "ledger_account",
-        "S1",
-        ("ledger_account", "ledger_name"),
-        chunksizes=(16, ACCOUNT_LENGTH),
+        "ledger_account", "S1", ("ledger_account", "ledger_name"), chunksizes=(16, ACCOUNT_LENGTH)
     )
     account.long_name = "accounts of the ledger"
     account.setncattr("_Encoding", "utf-8")
     gained = data.createVariable(
-        "ledger_gained",
-        "f8",
-        ("time", "ledger_account", "ledger_quantity"),
-        fill_value=np.nan,
-        chunksizes=(64, 4, len(QUANTITIES)),
-    )
+        "ledger_gained", "f8", ("time", "ledger_account", "ledger_quantity"),
+        fill_value=np.nan, chunksizes=(64, 4, len(QUANTITIES)),
+    )  # fmt: skip
     gained.long_name = "what each account has brought to the ice since the start"
     stock = data.createVariable(
-        "ledger_stock",
-        "f8",
-        ("time", "ledger_quantity"),
-        chunksizes=(128, len(QUANTITIES)),
+        "ledger_stock", "f8", ("time", "ledger_quantity"), chunksizes=(128, len(QUANTITIES))
     )
     stock.long_name = "what the ice has"
 

@@ -11,11 +11,11 @@ import datetime
 import re
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.errors import InputError, check_word, in_line
 from floebmi.fields import DURATIONS, Field, coordinate
 
 if TYPE_CHECKING:
@@ -73,10 +73,7 @@ class Clock:
         beyond_span: BeyondSpan = "error",
         calendar: Calendar | None = None,
     ) -> None:
-        if not is_word(beyond_span, ("error", "hold", "repeat")):
-            raise InputError(
-                f"beyond_span = {beyond_span!r}: {choose(beyond_span, ('error', 'hold', 'repeat'))}"
-            )
+        check_word("beyond_span", beyond_span, get_args(BeyondSpan))
         self.label = field.label
         self.beyond_span = beyond_span
         self.seconds: np.ndarray | None = None

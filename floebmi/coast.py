@@ -22,7 +22,7 @@ from floebmi.errors import InputError
 from floebmi.files import path_of
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
-from floebmi.quantities import FARTHEST, is_number, unmasked
+from floebmi.quantities import FARTHEST, check_length, unmasked
 
 if TYPE_CHECKING:
     import shapely
@@ -100,9 +100,9 @@ def from_land_fraction(
     if not 0 < threshold < 1:
         raise InputError(f"threshold = {threshold}; must be between 0 and 1")
     _check_size(radius, thickness)
-    x, y = _centres(x, y, fraction.shape)
-    rim = _outline(*_extended(x, y, 0.0))
-    x, y = _extended(x, y, 4.0 * radius, period)
+    centres = np.stack(_centres(x, y, fraction.shape), axis=-1)
+    rim = _outline(_extended(centres, 0.0))
+    x, y = np.moveaxis(_extended(centres, 4.0 * radius, period), -1, 0)
     for axis, length in enumerate(reversed(period)):
         sides = [(1, 1) if k == axis else (0, 0) for k in (0, 1)]
         fraction = np.pad(fraction, sides, mode="edge" if length is None else "wrap")
@@ -115,7 +115,7 @@ def from_land_fraction(
     # a contour through a saddle touches itself in a point; buffer(0) parts it there and moves
     # nothing
     land = shapely.union_all(shapely.buffer(pieces, 0.0)) if pieces else shapely.MultiPolygon()
-    return _coast(land, radius, thickness, within=shapely.Polygon(rim).buffer(radius))
+    return _coast(land, radius, thickness, only=shapely.Polygon(rim).buffer(radius))
 
 
 def from_polygons(polygons: Sequence[ArrayLike], radius: float, thickness: float = 10.0) -> Coast:
@@ -345,10 +345,11 @@ def _projected(
                 " projection"
             )
         for ring in shapely.get_rings(shapely.get_parts(geometry)):
-            west, east = np.sort(lon := shapely.get_coordinates(ring)[:, 0])[[0, -1]]
-            if ((far := np.abs(np.diff(lon))) > 180).any() and far.max() < 360:
+            lon = shapely.get_coordinates(ring)[:, 0]
+            west, far = lon.min(), np.abs(np.diff(lon)).max()
+            if 180 < far < 360:
                 warnings.warn(
-                    f"{name}: an edge goes the long way round, over {far.max():g}° of longitude: to cross the date line write"
+                    f"{name}: an edge goes the long way round, over {far:g}° of longitude: to cross the date line write"
                     f" longitudes beyond 180, such as {west + 360:g} for {west:g}",
                     stacklevel=2,
                 )
@@ -364,9 +365,8 @@ def _projected(
 
 
 def _check_size(radius: float, thickness: float) -> None:
-    for name, value in (("radius", radius), ("thickness", thickness)):
-        if not (is_number(value) and value > 0):
-            raise InputError(f"coast {name} = {value!r} m; must be greater than 0")
+    check_length("coast radius", radius)
+    check_length("coast thickness", thickness)
 
 
 def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -395,45 +395,31 @@ def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.nda
 
 
 def _extended(
-    x: np.ndarray,
-    y: np.ndarray,
-    beyond: float,
-    period: tuple[float | None, float | None] = (None, None),
-) -> tuple[np.ndarray, np.ndarray]:
-    """Centres with a further line on each side, half a cell and `beyond` [m] outside them.
+    points: np.ndarray, beyond: float, period: tuple[float | None, float | None] = (None, None)
+) -> np.ndarray:
+    """Points (ny, nx, 2) with a further line on each side, half a cell and `beyond` [m] outside them.
 
     Along a period that line is the image of the line on the other side.
     """
     for axis in (0, 1):
-        x, y = np.moveaxis(x, axis, 0), np.moveaxis(y, axis, 0)
-        sides, length = [], period[1 - axis]
+        points = np.moveaxis(points, axis, 0)
+        along, sides = 1 - axis, []  # rows follow each other along y, columns along x
         for first, second in ((0, 1), (-1, -2)):
-            dx, dy = x[first] - x[second], y[first] - y[second]
-            if length is not None:
-                opposite = -1 - first
-                turn = np.copysign(length, (y, x)[axis][first] - (y, x)[axis][opposite])
-                by = turn if axis else 0.0, 0.0 if axis else turn
-                sides.append((x[opposite] + by[0], y[opposite] + by[1]))
-                continue
-            factor = 0.5 + beyond / np.hypot(dx, dy)
-            sides.append((x[first] + factor * dx, y[first] + factor * dy))
-        x = np.concatenate([[sides[0][0]], x, [sides[1][0]]])
-        y = np.concatenate([[sides[0][1]], y, [sides[1][1]]])
-        x, y = np.moveaxis(x, 0, axis), np.moveaxis(y, 0, axis)
-    return x, y
+            if period[along] is None:
+                step = points[first] - points[second]
+                factor = 0.5 + beyond / np.hypot(*step.T)
+                side = points[first] + factor[:, None] * step
+            else:
+                side = points[-1 - first].copy()
+                side[:, along] += np.copysign(period[along], (points[first] - side)[:, along])
+            sides.append(side)
+        points = np.moveaxis(np.concatenate([sides[:1], points, sides[1:]]), 0, axis)
+    return points
 
 
-def _outline(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The outermost points of a grid of points as a ring, shape (k, 2)."""
-    sides = [
-        np.stack([side_x, side_y], axis=1)
-        for side_x, side_y in (
-            (x[0, :-1], y[0, :-1]),
-            (x[:-1, -1], y[:-1, -1]),
-            (x[-1, :0:-1], y[-1, :0:-1]),
-            (x[:0:-1, 0], y[:0:-1, 0]),
-        )
-    ]
+def _outline(points: np.ndarray) -> np.ndarray:
+    """The outermost points of a grid of points (ny, nx, 2) as a ring, shape (k, 2)."""
+    sides = points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]
     return np.concatenate(sides)
 
 
@@ -441,16 +427,16 @@ def _coast(
     land: "shapely.Geometry",
     radius: float,
     thickness: float,
-    within: "shapely.Geometry | None" = None,
+    only: "shapely.Geometry | None" = None,
 ) -> Coast:
-    """Line the shore of some land; where `within` is given, only there."""
+    """Line the shore of some land, or `only` what lies within some part of the plane."""
     import shapely
     from scipy.spatial import cKDTree
 
     smallest = radius / 2**SMALLEST
     shore = _along(land, smallest)
-    if within is not None:
-        shore = shore[shapely.contains_xy(within, shore)]
+    if only is not None:
+        shore = shore[shapely.contains_xy(only, shore)]
     lined = np.zeros(len(shore), bool)
     points, radii = [np.zeros((0, 2))], [np.zeros(0)]
     for level in range(SMALLEST + 1):

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Member = Callable[[Mapping[str, Any], int], Mapping[str, np.ndarray]]
+Key = tuple[int, int]  # of a member: its place in the sweep, and among the seeds
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -68,7 +69,7 @@ class Ensemble(NamedTuple):
     parameters: dict[str, Any]
     sweep: dict[str, tuple[Any, ...]]
     seeds: tuple[int, ...]
-    members: dict[tuple[int, int], dict[str, np.ndarray]]
+    members: dict[Key, dict[str, np.ndarray]]
     failures: list[Failure]
 
     def points(self) -> list[dict[str, Any]]:
@@ -131,28 +132,18 @@ def run(
     sweep = {name: tuple(values) for name, values in sweep.items()}
     seeds = tuple(seeds)
     points = points_of(sweep)
-    names: dict[tuple[int, int], Path] = {}
-    for (p, point), (s, seed) in itertools.product(enumerate(points), enumerate(seeds)):
-        words = _words(point, seed)
-        names[p, s] = folder / f"{words.replace('/', '%2F')}.npz"  # a value may be a path
-    if len(set(names.values())) < len(names):
-        twice = [path for path, times in Counter(names.values()).items() if times > 1]
-        raise InputError(
-            f"ensemble: several members are {twice[0].stem}: values and seeds must differ, numbers in their first 12 digits"
-        )
+    files = _files(folder, points, seeds)
     _claim(folder, member, parameters)
     done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
-    for key, path in names.items():
-        if path.exists():
-            done.members[key] = _load(path)
-    left = [key for key in names if key not in done.members]
+    done.members.update({key: _load(path) for key, path in files.items() if path.exists()})
+    left = [key for key in files if key not in done.members]
 
-    def arguments(key: tuple[int, int]) -> tuple[Member, dict[str, Any], int]:
+    def arguments(key: Key) -> tuple[Member, dict[str, Any], int]:
         return member, {**parameters, **points[key[0]]}, seeds[key[1]]
 
-    with _bar(len(names), len(done.members), progress) as bar:
+    with _bar(len(files), len(done.members), progress) as bar:
 
-        def keep(key: tuple[int, int], result: Mapping[str, np.ndarray] | Exception) -> None:
+        def keep(key: Key, result: Mapping[str, np.ndarray] | Exception) -> None:
             if not isinstance(result, Mapping | Exception):
                 result = InputError(
                     f"it returned {type(result).__name__}, must be a dict of arrays"
@@ -165,7 +156,7 @@ def run(
                 bar.write(f"member failed: {failure}")
             else:
                 arrays = {name: np.asarray(value) for name, value in result.items()}
-                _store(names[key], arrays)
+                _store(files[key], arrays)
                 done.members[key] = arrays
             bar.update()
 
@@ -178,7 +169,7 @@ def run(
                     _spread(some, arguments, keep, jobs or cores(), on)
         except KeyboardInterrupt as error:
             error.add_note(
-                f"{len(done.members)} of {len(names)} members are finished, and will not be run again"
+                f"{len(done.members)} of {len(files)} members are finished, and will not be run again"
             )
             raise
     return done
@@ -213,6 +204,7 @@ def gather(
         first = f": {done.failures[0]}" if done.failures else ""
         raise InputError(f"ensemble: no member has finished{first}")
     one = next(iter(done.members.values()))
+    points = done.points()
     dims = (*done.sweep, "seed")
     shape = tuple(len(values) for values in done.sweep.values()) + (len(done.seeds),)
     data = xr.Dataset(
@@ -222,30 +214,28 @@ def gather(
         unit, meaning = (units or {}).get(name, ("", ""))
         data[name].attrs = _described(unit, meaning)
     data["seed"].attrs = _described("1", "seed of the random numbers")
-    for name in {**outputs, **(coordinates or {})}:
+    coordinates = coordinates or {}
+    for name in {**outputs, **coordinates}:
         for (p, s), arrays in done.members.items():
-            which = _words(done.points()[p], done.seeds[s])
+            which = _words(points[p], done.seeds[s])
             if name not in arrays:
                 raise InputError(f"{name}: {which} has none, only {', '.join(arrays)}")
             if arrays[name].shape != one[name].shape:
                 raise InputError(
                     f"{name}: {which} has the shape {arrays[name].shape}, another member {one[name].shape}; must be one shape"
                 )
-            if name in (coordinates or {}) and not np.array_equal(arrays[name], one[name]):
+            if name in coordinates and not np.array_equal(arrays[name], one[name]):
                 raise InputError(
                     f"{name}: {which} has others than another member; must be an output"
                 )
-    for name, (own, unit, meaning) in (coordinates or {}).items():
+    for name, (own, unit, meaning) in coordinates.items():
         data.coords[name] = own, one[name], _described(unit, meaning)
     for name, (own, unit, meaning) in outputs.items():
-        values = np.full((len(points_of(done.sweep)), len(done.seeds), *one[name].shape), np.nan)
+        values = np.full((len(points), len(done.seeds), *one[name].shape), np.nan)
         for (p, s), arrays in done.members.items():
             values[p, s] = arrays[name]
-        data[name] = (
-            (*dims, *own),
-            values.reshape(*shape, *one[name].shape),
-            _described(unit, meaning),
-        )
+        values = values.reshape(*shape, *one[name].shape)
+        data[name] = (*dims, *own), values, _described(unit, meaning)
     return data
 
 
@@ -268,12 +258,30 @@ def _described(unit: str, meaning: str) -> dict[str, str]:
 
 
 def points_of(sweep: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    """All combinations of the values of a sweep, the last parameter running fastest."""
     return [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
 
 
 def _words(point: Mapping[str, Any], seed: int) -> str:
     return ",".join([f"{name}={value:.12g}" if isinstance(value, float) else f"{name}={value}"
                      for name, value in point.items()] + [f"seed={seed}"])  # fmt: skip
+
+
+def _files(
+    folder: Path, points: Sequence[Mapping[str, Any]], seeds: Sequence[int]
+) -> dict[Key, Path]:
+    """The file of each member; InputError if two would have one."""
+    files = {
+        (p, s): folder / f"{_words(point, seed).replace('/', '%2F')}.npz"  # a value may be a path
+        for p, point in enumerate(points)
+        for s, seed in enumerate(seeds)
+    }
+    twice = [path for path, times in Counter(files.values()).items() if times > 1]
+    if twice:
+        raise InputError(
+            f"ensemble: several members are {twice[0].stem}: values and seeds must differ, numbers in their first 12 digits"
+        )
+    return files
 
 
 def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
@@ -372,11 +380,9 @@ def _attempt(
     return result, heard
 
 
-def _in_waves(
-    keys: Sequence[tuple[int, int]], code: Callable[[tuple[int, int]], object]
-) -> Iterator[list[tuple[int, int]]]:
+def _in_waves(keys: Sequence[Key], code: Callable[[Key], object]) -> Iterator[list[Key]]:
     """First one member of each code, which compiles it; then all others."""
-    first: dict[object, tuple[int, int]] = {}
+    first: dict[object, Key] = {}
     for key in keys:
         first.setdefault(code(key), key)
     pioneers = list(first.values())
@@ -385,9 +391,9 @@ def _in_waves(
 
 
 def _spread(
-    keys: list[tuple[int, int]],
-    arguments: Callable[[tuple[int, int]], tuple[Member, dict[str, Any], int]],
-    keep: Callable[[tuple[int, int], Mapping[str, np.ndarray] | Exception], None],
+    keys: list[Key],
+    arguments: Callable[[Key], tuple[Member, dict[str, Any], int]],
+    keep: Callable[[Key, Mapping[str, np.ndarray] | Exception], None],
     jobs: int,
     on: "Executor | distributed.Client | None",
 ) -> None:

@@ -5,7 +5,7 @@ value and what would be right.  `StabilityError` is for a run that left its boun
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 
 class InputError(ValueError):
@@ -28,6 +28,12 @@ def in_line(value: object) -> str:
 def is_word(word: object, allowed: Iterable[object]) -> bool:
     """Whether it is one of these words; an array in the place of a word is none, nor is what cannot be looked up."""
     return isinstance(word, str) and word in allowed
+
+
+def check_word(name: str, value: object, allowed: Collection[str]) -> None:
+    """InputError for what is none of the allowed words."""
+    if not is_word(value, allowed):
+        raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
 
 
 def choose(word: object, allowed: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from floebmi.boundaries import Domain
     from floebmi.grid import Grid
     from floebmi.model import Model
-    from floebmi.scene import Built, Scene, Schedule
+    from floebmi.scene import Built, FluidTable, Scene, Schedule
 
 # Floe-steps per second of packaged scenes, exchanges and output included, on one core like those of
 # docs/benchmarks.md; until it is measured here
@@ -55,16 +55,16 @@ def notes(model: "Model") -> list[str]:
     for force in model.forces:
         if not isinstance(force, OceanDrag | AirDrag):
             continue
-        ocean = isinstance(force, OceanDrag)
-        name, table = ("ocean", "ocean") if ocean else ("air", "atmosphere")
+        if isinstance(force, OceanDrag):
+            name, table, fluid = "ocean", "ocean", model.ocean
+        else:
+            name, table, fluid = "air", "atmosphere", model.atmosphere
         low, high = model.bulk_range(force)
         if high and (low < USUAL_DRAG[0] or high > USUAL_DRAG[1]):
             lines.append(
                 f"{name} drag on these floes is that of C_d = {low:.2g} to {high:.2g} on their area, "
                 f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
             )
-        fluid = model.ocean if ocean else model.atmosphere
-        assert fluid is not None
         over, free = _over_dry_cells(fluid.grid, model)
         coast = model.floes.land.any()
         if over or not (coast or fluid.grid.wet.all()):
@@ -134,16 +134,12 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
     floes, contact, domain = model.floes, model.contact, model.domain
     free = int(np.count_nonzero(floes.active & (floes.motion == 0)))
     held = int(np.count_nonzero(floes.active & (floes.motion != 0)))
-    rows = [("floes", f"{free} free" + (f", {held} of prescribed motion" if held else ""))]
+    text = f"{free} free" + (f", {held} of prescribed motion" if held else "")
     if len(floes):
-        rows[0] = (
-            "floes",
-            f"{rows[0][1]}; radius {_span(floes.radius)} m, thickness {_span(floes.thickness)} m",
-        )
-    if len({getattr(domain, edge) for edge in EDGES}) == 1:
-        rows.append(("edges", f"all {domain.west}"))
-    else:
-        rows.append(("edges", ", ".join(f"{edge} {getattr(domain, edge)}" for edge in EDGES)))
+        text += f"; radius {_span(floes.radius)} m, thickness {_span(floes.thickness)} m"
+    each = ", ".join(f"{edge} {getattr(domain, edge)}" for edge in EDGES)
+    alike = len({getattr(domain, edge) for edge in EDGES}) == 1
+    rows = [("floes", text), ("edges", f"all {domain.west}" if alike else each)]
     if contact is not None:
         rows += [
             (type(part).__name__, f"{_numbers(part)}; [contact] asks for it")
@@ -161,9 +157,8 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
         name = type(force).__name__
         text = f"{_numbers(force)}; [{table_of_force(type(force))}] asks for it"
         if isinstance(force, OceanDrag | AirDrag):
-            text += "; " + _drives(
-                scene.ocean if isinstance(force, OceanDrag) else scene.atmosphere
-            )
+            ocean = isinstance(force, OceanDrag)
+            text += "; " + _drives(scene.ocean if ocean else scene.atmosphere)
         rows.append((name, text))
     if scene.coast is not None:
         rows.append(("coast", f"{int(floes.land.sum())} fixed floes line the shore; [coast]"))
@@ -180,23 +175,20 @@ def table_of_force(kind: type) -> str:
     return fluids.get(kind) or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()
 
 
-def _drives(table: object) -> str:
-    file, velocity = getattr(table, "file", None), getattr(table, "velocity", None)
-    if file is not None:
-        return f"velocity from {file}"
-    return f"velocity {velocity} m/s" if velocity is not None else "at rest, or set by a host"
+def _drives(table: "FluidTable") -> str:
+    if table.file is not None:
+        return f"velocity from {table.file}"
+    if table.velocity is not None:
+        return f"velocity {table.velocity} m/s"
+    return "at rest, or set by a host"
 
 
 def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
     """Degrees of freedom, step, memory, cost."""
     floes = model.floes
     moving = int(np.count_nonzero(floes.active & ~floes.land & (floes.motion != FIXED)))
-    rows = [
-        (
-            "degrees of freedom",
-            f"{model.degrees_of_freedom()} velocity components of {moving} floes",
-        )
-    ]
+    freedom = f"{model.degrees_of_freedom()} velocity components of {moving} floes"
+    rows = [("degrees of freedom", freedom)]
     state = sum(np.asarray(array).nbytes for array in model.state().values())
     grids = {
         id(g): g for g in (model.grid, *(f.grid for f in (model.ocean, model.atmosphere) if f))

@@ -7,6 +7,7 @@ well-known name; two that fit, or none, is an error that lists what is there.  N
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 import struct
@@ -119,11 +120,9 @@ def _valid_range(array: xr.DataArray) -> tuple[float, float]:
             return without
         if one.dtype.kind == "f":
             return float(one)
-        whole = (
-            int(one) % 256**one.itemsize
-            if str(told.get("_Unsigned")).lower() == "true"
-            else int(one)
-        )
+        whole = int(one)
+        if str(told.get("_Unsigned")).lower() == "true":
+            whole %= 256**one.itemsize
         return whole * (step or 1.0) + float(told.get("add_offset", 0.0))
 
     both = np.ravel(attrs.get("valid_range", ()))
@@ -168,9 +167,9 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         return File(Path(str(path.encoding.get("source", "data set"))).name, path)
     path = path_of("path", path)
     if not path.exists():
-        near = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
-        hint = choose(path.name, near).rpartition("; ")[2] if near else ""
-        hint = hint if hint.startswith("did you") else ""
+        beside = [p.name for p in path.parent.glob("*")]
+        near = difflib.get_close_matches(path.name, beside, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else ""
         if re.search(r"[*?\[]", path.name):
             hint = "no patterns are read: name the file, or those that hold its parts; a series is joined first"
         elif re.search(r"https?:/", str(path)):
@@ -306,17 +305,18 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
         return Found(variables, word, "as told")
     for row in wanted.standard:
         hits = [_with_standard_name(files, name) for name in row[:-1]]
-        for hit in hits if all(hits) else ():
+        if not all(hits):
+            continue
+        for hit in hits:
             for name in dict.fromkeys(name for _, name in hit):
                 _check_one([f for f, n in hit if n == name], name)
-        if max(map(len, hits)) > 1 and all(hits):
+        if max(map(len, hits)) > 1:
             several = ", ".join(name for hit in hits for _, name in hit)
             raise InputError(
                 f"{where}: {several} all have standard_name {' or '.join(map(str, row[:-1]))}:"
                 f" choose with {option}"
             )
-        if all(hits):
-            return Found(tuple(hit[0] for hit in hits), row[-1], f"standard_name {row[0]}")
+        return Found(tuple(hit[0] for hit in hits), row[-1], f"standard_name {row[0]}")
     rows = [r for r in wanted.short if all(_holding(files, n) for n in r[:-1])]
     if len(rows) > 1:
         several = " or ".join(", ".join(map(str, r[:-1])) for r in rows)
@@ -404,27 +404,19 @@ def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
     units = str(attrs.get("units", "")).lower()
     if standard in ("grid_longitude", "grid_latitude"):  # a rotated pole's own degrees
         return None
-    if (
-        standard == "longitude"
-        or units in _EAST
-        or (low in COORDINATES["lon"] and units[:3] in ("", "deg", "rad"))
-    ):
-        return "lon"
-    if (
-        standard == "latitude"
-        or units in _NORTH
-        or (low in COORDINATES["lat"] and units[:3] in ("", "deg", "rad"))
-    ):
-        return "lat"
+    for what, word, degrees in (("lon", "longitude", _EAST), ("lat", "latitude", _NORTH)):
+        by_name = low in COORDINATES[what] and units[:3] in ("", "deg", "rad")
+        if standard == word or units in degrees or by_name:
+            return what
     if standard == "time" or axis == "T" or variable.dtype.kind == "M" or low in _TIME:
         return "time"
     if axis == "Z" or "positive" in attrs or low in _VERTICAL or standard in ("depth", "height"):
         return "vertical"
     plain = not units or units in LENGTHS
-    if standard == "projection_x_coordinate" or (plain and (axis == "X" or low == "x")):
-        return "x"
-    if standard == "projection_y_coordinate" or (plain and (axis == "Y" or low == "y")):
-        return "y"
+    for what in ("x", "y"):
+        by_name = plain and (axis == what.upper() or low == what)
+        if standard == f"projection_{what}_coordinate" or by_name:
+            return what
     return None
 
 
@@ -484,8 +476,7 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
     roles = {}
     for dim in sizes:
         found = coordinate(file, dim)
-        by_name = {"time"} if dim.lower() in _TIME else set()
-        roles[dim] = role(*found) if found else next(iter(by_name), None)
+        roles[dim] = role(*found) if found else "time" if dim.lower() in _TIME else None
     times = [d for d in sizes if roles[d] == "time" and d not in fixed]
     time = max(times, key=lambda d: sizes[d] > 1, default=None)  # not the one date of a forecast
     for dim in sizes:
@@ -558,13 +549,13 @@ _FRACTIONS = {
 }
 
 
-def _words(units: object) -> str:
+def _tidy(units: object) -> str:
     return " ".join(str(units if units is not None else "").strip().lower().split())
 
 
 def velocity_factor(units: str | None, where: str) -> float:
     """Factor from `units` to m s-1: any length per time ("m s-1", "cm/s", "km h**-1"), or knots."""
-    text = _words(units)
+    text = _tidy(units)
     if text in _KNOTS:
         return 1852.0 / 3600.0
     match = re.fullmatch(r"([a-z]+) ?(?:/|per) ?([a-z]+)", text)
@@ -576,21 +567,21 @@ def velocity_factor(units: str | None, where: str) -> float:
 
 def length_factor(units: str | None, where: str, remedy: str = BY_OPTION) -> float:
     """Factor from `units` to m."""
-    if _words(units) not in LENGTHS:
+    if _tidy(units) not in LENGTHS:
         raise InputError(_unknown(units, where, "a length: m, km, cm", remedy))
-    return LENGTHS[_words(units)]
+    return LENGTHS[_tidy(units)]
 
 
 def fraction_factor(units: str | None, where: str) -> float:
     """Factor from `units` to 1; no units at all is 1."""
-    if _words(units) not in _FRACTIONS:
+    if _tidy(units) not in _FRACTIONS:
         raise InputError(_unknown(units, where, "a fraction: 1 or %", IN_FILE))
-    return _FRACTIONS[_words(units)]
+    return _FRACTIONS[_tidy(units)]
 
 
 def is_percent(units: str | None) -> bool:
     """Whether a fraction in these units is 100 where it is whole."""
-    return _FRACTIONS.get(_words(units)) == 0.01
+    return _FRACTIONS.get(_tidy(units)) == 0.01
 
 
 def _unknown(units: str | None, where: str, right: str, remedy: str = BY_OPTION) -> str:

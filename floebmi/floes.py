@@ -23,12 +23,7 @@ LAND = 8  # a piece of coast: no ice, no drag, no mass; always together with FIX
 COAST = FIXED | LAND
 
 _TYPES: dict[str, type] = {
-    "x": np.float64,
-    "y": np.float64,
-    "u": np.float64,
-    "v": np.float64,
-    "radius": np.float64,
-    "thickness": np.float64,
+    **dict.fromkeys(("x", "y", "u", "v", "radius", "thickness"), np.float64),
     "active": np.bool_,
     "motion": np.int8,
 }
@@ -60,14 +55,13 @@ class _Column:
         return floes._columns[self.name][: len(floes)]
 
     def __set__(self, floes: "Floes", values: ArrayLike) -> None:
-        if self.name in _ROTATION_TYPES and self.name not in floes._columns:
-            raise InputError(
-                f"floes.{self.name}: these floes do not rotate; allow_rotation() first"
-            )
         if self.name not in floes._columns:
-            raise InputError(
-                f"floes.{self.name}: all floes are alike; list a spread in the contact law"
+            why = (
+                "these floes do not rotate; allow_rotation() first"
+                if self.name in _ROTATION_TYPES
+                else "all floes are alike; list a spread in the contact law"
             )
+            raise InputError(f"floes.{self.name}: {why}")
         given = _motion_bits(values) if self.name == "motion" else _numbers(self.name, values)
         if given.shape not in ((), (len(floes),)):
             raise InputError(
@@ -232,15 +226,9 @@ class Floes:
             as `Floes`; then no floe is added.
         """
         given = {
-            "x": x,
-            "y": y,
-            "radius": radius,
-            "thickness": thickness,
-            "u": u,
-            "v": v,
-            "angle": angle,
-            "angular_velocity": angular_velocity,
-        }
+            "x": x, "y": y, "radius": radius, "thickness": thickness, "u": u, "v": v,
+            "angle": angle, "angular_velocity": angular_velocity,
+        }  # fmt: skip
         values = {name: _numbers(name, value) for name, value in given.items()}
         values["motion"] = _motion_bits(motion)
         k = _common_length(values)
@@ -302,9 +290,12 @@ class Floes:
 
     def copy(self) -> "Floes":
         """Floes with the same numbers and values that share nothing with these."""
+        return self._some(slice(None))
+
+    def _some(self, rows: slice | np.ndarray) -> "Floes":
         floes = Floes.__new__(Floes)
-        floes._n = self._n
-        floes._columns = {name: column[: self._n].copy() for name, column in self._columns.items()}
+        floes._columns = {name: getattr(self, name)[rows].copy() for name in self._columns}
+        floes._n = len(floes._columns["x"])
         return floes
 
     def go_back(self, earlier: "Floes") -> None:
@@ -398,25 +389,21 @@ def _check(name: str, values: np.ndarray, first: int) -> None:
     unit = _UNITS.get(name)
     if unit is None:
         return
-    is_size = name in ("radius", "thickness")
+    is_size, is_own = name in ("radius", "thickness"), name in _OWN_TYPES
     below = FARTHEST if is_size else np.inf
-    bounded = is_size or name in _OWN_TYPES
-    if all_finite(values, below) and not (bounded and values.min(initial=1.0) <= 0):
+    low = values <= 0 if is_size else values < 0 if is_own else np.False_
+    if all_finite(values, below) and not low.any():
         return
-    wrong = ~(np.abs(values) < below)  # NaN is wrong, too
-    if is_size:
-        wrong |= values <= 0
-    if name in _OWN_TYPES:
-        wrong |= values < 0
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        value = float(np.atleast_1d(values)[row])
-        bound = "at least 0" if name in _OWN_TYPES else "greater than 0"
-        if value >= FARTHEST:
-            bound = f"less than {FARTHEST:g} m"
-        right = bound if np.isfinite(value) else "a finite number"
-        given = f"{value!r} {unit}".strip()
-        raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")
+    row = int(np.flatnonzero(~(np.abs(values) < below) | low)[0])  # NaN is wrong, too
+    value = float(values.flat[row])
+    if not np.isfinite(value):
+        right = "a finite number"
+    elif value >= FARTHEST:
+        right = f"less than {FARTHEST:g} m"
+    else:
+        right = "at least 0" if is_own else "greater than 0"
+    given = f"{value!r} {unit}".strip()
+    raise InputError(f"floe {first + row}: {name} = {given}; must be {right}")
 
 
 def _check_coast(values: Mapping[str, np.ndarray], first: int) -> None:
@@ -450,8 +437,6 @@ def without_small(floes: Floes, radius: float) -> Floes:
         raise InputError(
             f"smallest = {radius:g} m: leaves no floe; must be at most {floes.radius.max():.4g} m"
         )
-    kept = Floes.__new__(Floes)
-    kept._n = int(keep.sum())
-    kept._columns = {name: getattr(floes, name)[keep] for name in floes._columns}
+    kept = floes._some(keep)
     kept.thickness *= floes.volume.sum() / kept.volume.sum()
     return kept

@@ -14,7 +14,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, Protocol, final
+from typing import TYPE_CHECKING, Literal, Protocol, final, get_args
 
 import numpy as np
 from scipy import sparse
@@ -22,7 +22,7 @@ from scipy import sparse
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
@@ -171,12 +171,12 @@ class Function:
                 raise InputError(
                     f"Function {name} at t = {t:g} s: shape {values.shape}; must be {out.shape}"
                 )
-            bad = np.flatnonzero(~np.isfinite(np.atleast_1d(values)))
+            bad = np.flatnonzero(~np.isfinite(values))
             if bad.size:
                 c = int(bad[0])
                 raise InputError(
                     f"Function {name} at t = {t:g} s, cell {c} (x = {self._x[c]:g}, y = {self._y[c]:g} m):"
-                    f" {np.atleast_1d(values)[c]}; must be finite"
+                    f" {values.flat[c]}; must be finite"
                 )
             out[:] = values
 
@@ -202,8 +202,7 @@ class VelocityFile:
     variables : names (u, v); default: by standard_name, else by well-known names
     start : the date of t = 0; default: the first record
     vectors : "east-north" (components along east and north) or "grid" (along the source's own axes, positive where
-        their coordinates grow);
-        "auto" takes what standard_name, a staggered grid, or an `angle` says
+        their coordinates grow); "auto" takes what standard_name, a staggered grid, or an `angle` says
     stagger : see `floebmi.cgrid`
     depth : of all levels the one nearest to this depth, of wind to this height, is taken [m]; default: the surface of
         the ocean, wind at 10 m
@@ -255,9 +254,9 @@ class VelocityFile:
         beyond_span: BeyondSpan = "error",
         calendar: Calendar | None = None,
     ) -> None:
-        _among("kind", kind, _VELOCITIES)
-        _among("vectors", vectors, ("auto", "east-north", "grid"))
-        _among("stagger", stagger, ("auto", "none", "before", "after"))
+        check_word("kind", kind, get_args(Kind))
+        check_word("vectors", vectors, get_args(Vectors))
+        check_word("stagger", stagger, get_args(Stagger))
         if variables is not None and (isinstance(variables, str) or len(variables) != 2):
             raise InputError(f"variables = {variables!r}: must be two names, of u and of v")
         check_grid("grid", grid)
@@ -296,7 +295,7 @@ class VelocityFile:
         self._records: dict[int, np.ndarray] = {}
         said = dict.fromkeys(str(units or f.array.attrs.get("units")) for f in (u, v))
         self._text = (
-            f"{self._label} by {found.how} [{' and '.join(said)}{_times(factors)}]"
+            f"{self._label} by {found.how} [{' and '.join(said)}{_scaled_by(factors)}]"
             f"{', C grid' if centres.staggered else ''}{_levels(u)}; {centres.place.text};"
             f" {axes}{_turned_by(turned)}"
         )
@@ -374,8 +373,8 @@ class VelocityFile:
         mean_u = sparse.kron(sparse.identity(box.shape[0]), along_u, format="csr")
         mean_v = sparse.kron(along_v, sparse.identity(box.shape[1]), format="csr")
         water = None if self._mask is None else self._mask.read(box)
-        open_u = self._open(u, self._u_box, mean_u, water, ("mask_u", "umask"))
-        open_v = self._open(v, self._v_box, mean_v, water, ("mask_v", "vmask"))
+        open_u = self._where_open(u, self._u_box, mean_u, water, ("mask_u", "umask"))
+        open_v = self._where_open(v, self._v_box, mean_v, water, ("mask_v", "vmask"))
         flow_u, flow_v = mean_u @ open_u > 0, mean_v @ open_v > 0
         wet = (flow_u | flow_v if centres.staggered else flow_u & flow_v).reshape(box.shape)
         if water is not None:
@@ -384,7 +383,7 @@ class VelocityFile:
         to_v = mean_v @ sparse.diags(factors[1] * open_v)
         return to_u, to_v, wet
 
-    def _open(
+    def _where_open(
         self,
         part: Field,
         box: Box,
@@ -478,12 +477,7 @@ def _takes_three(function: Callable) -> bool:
     return True
 
 
-def _among(name: str, value: object, allowed: Sequence[str] | dict) -> None:
-    if not is_word(value, allowed):
-        raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
-
-
-def _times(factors: list[float]) -> str:
+def _scaled_by(factors: list[float]) -> str:
     return "".join(f" × {f:.6g}" for f in dict.fromkeys(factors) if f != 1)
 
 
@@ -511,9 +505,6 @@ def _common_clock(
 ) -> Clock:
     clock = Clock(u, start, beyond_span, calendar)
     other = Clock(v, start, beyond_span, calendar)
-    same = (clock.seconds is None) == (other.seconds is None)
-    if same and clock.seconds is not None:
-        same = np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)
-    if not same:
+    if not (np.array_equal(clock.seconds, other.seconds) and clock.date(0) == other.date(0)):
         raise InputError(f"{u.label} and {v.label}: their times differ: {clock}, and {other}")
     return clock

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 # A step of an axis so many times longer than both beside it is a hole, as a choice of longitudes leaves one.
 _HOLE = 3.0
-# Targets on the common edge of two quadrilaterals must not fall between them.
+# Targets on the common edge of two quadrilaterals must not fall between them; a weight no larger is none.
 _EDGE = 1e-9
 # Quadrilaterals tried for one target, nearest first; the second try is for very long ones.
 _TRIES = (12, 80)
@@ -118,11 +118,11 @@ def in_net(
             if not (left.size and j.size):
                 break
             quad, s, t = _containing(corner, x[left], y[left], tries)
-            found = left[quad >= 0]
-            at = quad[quad >= 0]
+            hit = quad >= 0
+            found, at = left[hit], quad[hit]
             # Quadrilateral j lies between points j - 1 and j; the rim has the outermost points' index.
-            row[found] = np.clip(j[at] - 1 + t[quad >= 0], 0, ny - 1)
-            column[found] = np.clip(i[at] - 1 + s[quad >= 0], 0, nx - 1)
+            row[found] = np.clip(j[at] - 1 + t[hit], 0, ny - 1)
+            column[found] = np.clip(i[at] - 1 + s[hit], 0, nx - 1)
     return row, column
 
 
@@ -237,7 +237,7 @@ def nearest(
     wet : (ny, nx) bool
     """
     points = np.flatnonzero(wet.ravel() & np.isfinite(source[0].ravel()))
-    if not (points.size and rows.size):
+    if not points.size:
         return matrix, 0.0
     tree = cKDTree(np.stack([source[0].ravel()[points], source[1].ravel()[points]], axis=1))
     away, k = tree.query(np.stack([target[0][rows], target[1][rows]], axis=1))

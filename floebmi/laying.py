@@ -144,10 +144,7 @@ def _hilbert(column, row, order):
 
 
 def settle(
-    radius: np.ndarray,
-    ground: Ground,
-    domain: Domain,
-    rng: np.random.Generator,
+    radius: np.ndarray, ground: Ground, domain: Domain, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lay the floes, press them apart, and lay those that find no room elsewhere nearby.
 
@@ -174,16 +171,9 @@ def settle(
             near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
             x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
         press(
-            x,
-            y,
-            radius,
-            free,
-            ground.barrier.discs,
-            domain,
-            EDGES_KEPT,
-            rng=rng,
-            idle=ground.grid is None,
-        )
+            x, y, radius, free, ground.barrier.discs, domain, EDGES_KEPT,
+            rng=rng, idle=ground.grid is None,
+        )  # fmt: skip
         left = _unplaced(x, y, radius, ground.barrier, domain) > 0
     return x, y, group, left
 
@@ -208,10 +198,7 @@ def thin_out(
 
 
 def _pack(
-    radius: np.ndarray,
-    ground: Ground,
-    domain: Domain,
-    rng: np.random.Generator,
+    radius: np.ndarray, ground: Ground, domain: Domain, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places of floes, and the grid cell that each was laid in; radii are swapped in place."""
     n = len(radius)

@@ -36,18 +36,13 @@ class Mask(NamedTuple):
 
     def read(self, box: Box) -> np.ndarray:
         """True where there is water, in a box; no value is land."""
-        part = 0.0 if self.name.lower().startswith("hfac") else 0.5  # hFacC is a share of the depth
-        return self.water_fraction(box) > part
-
-    def water_fraction(self, box: Box) -> np.ndarray:
-        """1 where there is water, 0 on land, between for fractions, NaN for no value."""
         array = self.file.data[self.name]
         index: dict[str, object] = {d: 0 for d in array.dims if d not in self.dims}
-        if self.dims:
-            index |= dict(zip(self.dims, box, strict=True))
+        index |= dict(zip(self.dims, box, strict=True))
         values = np.asarray(array.isel(index).transpose(*self.dims).values, float)
-        values = values.reshape(box.shape) * (0.01 if is_percent(array.attrs.get("units")) else 1.0)
-        return values if self.water == 1 else 1 - values
+        values = values * (0.01 if is_percent(array.attrs.get("units")) else 1.0)
+        part = 0.0 if self.name.lower().startswith("hfac") else 0.5  # hFacC is a share of the depth
+        return (values if self.water == 1 else 1 - values) > part
 
 
 def find_mask(
@@ -58,8 +53,6 @@ def find_mask(
     Without names, masks are known by standard_name, then by well-known names; those of other points of a
     staggered grid have other dimensions.
     """
-    if not dims:
-        return None
     fitting = [
         str(name)
         for name, a in file.data.variables.items()
@@ -99,7 +92,7 @@ def choose_mask(
     found = next((m for m in candidates if m is not None), None)
     if found is not None:
         refuse_other_points(file, found.file, dims)
-    if found is None and mask != "auto":
+    elif mask != "auto":
         fitting = [str(n) for n, a in file.data.data_vars.items() if set(a.dims) == set(dims)]
         raise InputError(
             f"{file.label}: mask = {mask!r}: no such variable along {', '.join(dims)};"
@@ -119,7 +112,8 @@ def water_value(file: File, name: str) -> float | None:
     flagged |= {
         float(k): str(attrs[f"option_{k}"]).lower() for k in (0, 1) if f"option_{k}" in attrs
     }
-    if not flagged and attrs.get("standard_name") not in _STANDARD:
+    standard = attrs.get("standard_name")
+    if not flagged and standard not in _STANDARD:
         flagged = _values_in_words(attrs)
     flagged = {value: words.replace("_", " ") for value, words in flagged.items()}
     for value, other in ((1.0, 0.0), (0.0, 1.0)):
@@ -127,8 +121,8 @@ def water_value(file: File, name: str) -> float | None:
             _LAND_WORD, flagged.get(other, "")
         ):
             return value
-    if attrs.get("standard_name") in _STANDARD:
-        return _STANDARD[attrs["standard_name"]]
+    if standard in _STANDARD:
+        return _STANDARD[standard]
     if name.lower() in _LAND:
         return 0.0
     return 1.0 if name.lower() in _WATER else None

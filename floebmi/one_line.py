@@ -29,9 +29,8 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         debug = ctx.params.pop("debug")
-        with _warnings_in_one_line(), contextlib.ExitStack() as stack:
-            if not debug:
-                stack.enter_context(_errors_in_one_line())
+        errors = contextlib.nullcontext() if debug else _errors_in_one_line()
+        with _warnings_in_one_line(), errors:
             return super().invoke(ctx)
 
 

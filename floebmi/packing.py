@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 from floebmi.barrier import Land, area_inside, barrier_of
 from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import read_features
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word, choose
 from floebmi.files import path_of
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
 from floebmi.grid import Grid, check_grid
 from floebmi.laying import ground_of, settle, spread, thin_out
 from floebmi.neighbours import sort_in_space
 from floebmi.pressing import SPARE, press
-from floebmi.quantities import FARTHEST, flat, is_number, number_in, unmasked
+from floebmi.quantities import FARTHEST, check_length, flat, is_number, number_in, unmasked
 from floebmi.sampling import check_images
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
@@ -79,8 +79,7 @@ def scatter(
             f"concentration = {concentration}, count = {count}: give one of them, not both"
         )
     rng = _generator(seed)
-    if not (is_number(thickness) and thickness > 0):
-        raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
+    check_length("thickness", thickness)
     barrier = barrier_of(land, domain, sizes.range[0])
     room = domain.area - barrier.area
     if room <= 1e-9 * domain.area:
@@ -90,8 +89,7 @@ def scatter(
             raise InputError(f"count = {count!r}; must be a whole number, at least 0")
         radius = sizes.draw(int(count), rng)
     else:
-        if not (is_number(concentration) and 0 < concentration < 1):
-            raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+        _check_concentration(concentration)
         radius = _draw_area(sizes, concentration * room, rng)
     asked = f"concentration = {concentration:g}" if count is None else f"count = {count}"
     filled = float(np.pi * np.sum(radius**2)) / room
@@ -249,14 +247,12 @@ def regular(
         nearest.
     """
     check_domain(domain)
-    if not is_word(lattice, ("hexagonal", "square")):
-        raise InputError(f"lattice = {lattice!r}: {choose(lattice, ('hexagonal', 'square'))}")
+    check_word("lattice", lattice, ("hexagonal", "square"))
     if (spacing is None) == (concentration is None):
         raise InputError(
             f"spacing = {spacing}, concentration = {concentration}: give one of them, not both"
         )
-    if not (is_number(radius) and radius > 0):
-        raise InputError(f"radius = {radius!r} m; must be greater than 0")
+    check_length("radius", radius)
     if spacing is not None:
         if not (is_number(spacing) and spacing >= 2 * radius):
             raise InputError(f"spacing = {spacing!r} m; must be at least 2 radii, {2 * radius:g} m")
@@ -298,8 +294,8 @@ def read_floes(
         naming file, row or feature, column and value.
     """
     path = path_of("path", path)
-    if thickness is not None and not (is_number(thickness) and thickness > 0):
-        raise InputError(f"thickness = {thickness!r} m; must be greater than 0")
+    if thickness is not None:
+        check_length("thickness", thickness)
     suffix = path.suffix.lower()
     if suffix == ".csv":
         if projection is not None:
@@ -414,8 +410,7 @@ def _rows_of_concentration(
     domain: Domain, radius: float, concentration: float | None, lattice: str
 ) -> _Rows:
     """The lattice nearest to a concentration of all that fit, with as little stretch as that allows."""
-    if not (is_number(concentration) and 0 < concentration < 1):
-        raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+    _check_concentration(concentration)
     per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
     ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
     # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
@@ -493,10 +488,9 @@ def _geojson_rows(path: Path, projection: str | None) -> list[tuple[str, dict[st
     return rows
 
 
-_FLOE_COLUMNS = ("x", "y", "radius", "area", "thickness", "u", "v", "motion") + (
-    "angle",
-    "angular_velocity",
-)
+_FLOE_COLUMNS = (
+    "x", "y", "radius", "area", "thickness", "u", "v", "motion", "angle", "angular_velocity",
+)  # fmt: skip
 _FARTHEST = {"x": FARTHEST, "y": FARTHEST, "radius": FARTHEST, "area": FARTHEST**2}  # [m], [m²]
 
 
@@ -508,22 +502,25 @@ def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict
     columns: dict[str, list[float]] = {name: [] for name in names}
     for place, row in rows:
         for name in names:
-            value = row.get(name)
-            try:
-                number = number_in(value)
-                right = "must be a finite number"
-                if np.isfinite(number) and abs(number) > _FARTHEST.get(name, np.inf):
-                    right = f"must be within {_FARTHEST[name]:g}"
-                elif name in ("radius", "area", "thickness") and np.isfinite(number):
-                    right = "must be greater than 0" if number <= 0 else ""
-                elif np.isfinite(number):
-                    right = ""
-            except (TypeError, ValueError):
-                right = "must be a number"
-            if right:
-                raise InputError(f"{path}: {place}, column {name!r}: {value!r} {right}")
-            columns[name].append(number)
+            columns[name].append(_floe_number(name, row.get(name), f"{path}: {place}"))
     return {name: np.array(values) for name, values in columns.items()}
+
+
+def _floe_number(name: str, value: object, where: str) -> float:
+    try:
+        number = number_in(value)
+    except (TypeError, ValueError):
+        right = "must be a number"
+    else:
+        if not np.isfinite(number):
+            right = "must be a finite number"
+        elif abs(number) > _FARTHEST.get(name, np.inf):
+            right = f"must be within {_FARTHEST[name]:g}"
+        elif number <= 0 and name in ("radius", "area", "thickness"):
+            right = "must be greater than 0"
+        else:
+            return number
+    raise InputError(f"{where}, column {name!r}: {value!r} {right}")
 
 
 def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
@@ -537,23 +534,20 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
 
 def _check_ice(fraction: np.ndarray, depth: np.ndarray, grid: Grid) -> None:
     """Refuse a wet cell that has more ice than there is room, or ice that has no thickness."""
-    for name, values, wrong, right in (
-        (
-            "area_fraction",
-            fraction,
-            ~((fraction >= 0) & (fraction <= 1)),
-            "must be between 0 and 1",
-        ),
-        (
-            "thickness",
-            depth,
-            ~((depth > 0) & np.isfinite(depth)) & (fraction > 0),
-            "must be greater than 0 where there is ice",
-        ),
+    share = (fraction >= 0) & (fraction <= 1)
+    thick = (depth > 0) & np.isfinite(depth) | ~(fraction > 0)
+    for name, values, good, right in (
+        ("area_fraction", fraction, share, "must be between 0 and 1"),
+        ("thickness", depth, thick, "must be greater than 0 where there is ice"),
     ):
-        cells = np.flatnonzero(wrong & grid.wet)
+        cells = np.flatnonzero(~good & grid.wet)
         if cells.size:
             raise InputError(f"{name} of cell {cells[0]} = {values[cells[0]]}; {right}")
+
+
+def _check_concentration(concentration: object) -> None:
+    if not (is_number(concentration) and 0 < concentration < 1):
+        raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
 
 
 def _generator(seed: int) -> np.random.Generator:

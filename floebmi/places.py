@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Literal, NamedTuple, final, get_args
 
 import numpy as np
 
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word
 from floebmi.fields import (
     COORDINATES,
     IN_FILE,
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Position = Literal["auto", "mapping", "lonlat"]
+# 2-D longitude and latitude [degrees], and their names
+_LonLat = tuple[np.ndarray, np.ndarray, str]
 _PROJ_STRINGS = ("crs_wkt", "spatial_ref", "proj4_string", "proj4", "proj4_params", "proj4text")
 _SHAPES = (
     "earth_radius", "semi_major_axis", "semi_minor_axis", "inverse_flattening",
@@ -156,10 +158,9 @@ class Axes:
         """What the file covers, as text."""
         if self._geographic or self._source is None:
             names = ("lon", "lat") if self._geographic else ("x", "y")
-            axes = (names[0], self._columns), (names[1], self._rows)
             gaps = [
                 f", nothing between {name} {axis[k]:.7g} and {axis[k + 1]:.7g}"
-                for name, axis in axes
+                for name, axis in zip(names, (self._columns, self._rows), strict=True)
                 for k in holes(axis)
             ]
             return _extent(names, self._column_ends, self._row_ends) + "".join(gaps)
@@ -316,9 +317,7 @@ def place_of(
         if the file does not say where the points are, or a projection is missing.
     """
     where = f"{file.label}: {array.name}({', '.join(dims)})"
-    if not is_word(position, ("auto", "mapping", "lonlat")):
-        allowed = ("auto", "mapping", "lonlat")
-        raise InputError(f"position = {position!r}: {choose(position, allowed)}")
+    check_word("position", position, get_args(Position))
     if projection is not None:
         check_projection(projection)
     if not dims:
@@ -424,9 +423,7 @@ def _point(file: File, array: xr.DataArray) -> tuple[float | None, float | None]
     return place.get("lon"), place.get("lat")
 
 
-def _lonlat_net(
-    file: File, array: xr.DataArray, dims: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray, str] | None:
+def _lonlat_net(file: File, array: xr.DataArray, dims: tuple[str, ...]) -> _LonLat | None:
     """2-D longitude and latitude along dims, and their names; None if there are none that make sense."""
     named = str(array.encoding.get("coordinates", array.attrs.get("coordinates", ""))).split()
     pairs: dict[str, list[str]] = {"lon": [], "lat": []}
@@ -501,8 +498,8 @@ def _mapping_name(file: File, array: xr.DataArray) -> str | None:
     name = array.attrs.get("grid_mapping") or array.encoding.get("grid_mapping")
     if name is None:
         all_names = [n for n, v in file.data.variables.items() if "grid_mapping_name" in v.attrs]
-        name = all_names[0] if len(all_names) == 1 else None
-    name = str(name).split(":")[0].strip() if name is not None else None
+        return str(all_names[0]) if len(all_names) == 1 else None
+    name = str(name).split(":")[0].strip()
     return name if name in file.data.variables else None
 
 
@@ -514,11 +511,7 @@ def _rotated(file: File, array: xr.DataArray) -> bool:
 
 
 def _nominal(
-    label: str,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    net: tuple[np.ndarray, np.ndarray, str] | None,
-    position: Position,
+    label: str, rows: np.ndarray, columns: np.ndarray, net: _LonLat | None, position: Position
 ) -> bool:
     """Whether latitudes and longitudes along two axes are elsewhere than those in 2-D, and a warning if so."""
     if net is None or rows.size < 2:
@@ -537,11 +530,7 @@ def _nominal(
 
 
 def _compare(
-    label: str,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    mapping: Mapping,
-    net: tuple[np.ndarray, np.ndarray, str],
+    label: str, rows: np.ndarray, columns: np.ndarray, mapping: Mapping, net: _LonLat
 ) -> None:
     """Warn if x, y with the projection and 2-D longitude, latitude mean different places."""
     every = tuple(slice(None, None, max(1, n // 50)) for n in (rows.size, columns.size))
@@ -557,13 +546,11 @@ def _compare(
 
 
 def _extent(names: tuple[str, str], first: tuple[float, float], second: tuple[float, float]) -> str:
-    digits = ".7g" if names[0] == "x" else ".1f"
-    unit = " m" if names[0] == "x" else ""
-    parts = [
+    digits, unit = (".7g", " m") if names[0] == "x" else (".1f", "")
+    return ", ".join(
         f"{name} {low:{digits}} … {high:{digits}}{unit}"
         for name, (low, high) in zip(names, (first, second), strict=True)
-    ]
-    return ", ".join(parts)
+    )
 
 
 def _lonlat_extent(lon: np.ndarray, lat: np.ndarray) -> str:

@@ -12,7 +12,7 @@ the speed; on a plane that is not conformal the angle is the one nearest to the 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -126,10 +126,7 @@ def east_in_plane(projection: str, lon: np.ndarray | float, lat: np.ndarray | fl
     on_earth = np.where(np.abs(lat) <= 90.0, lat, np.nan)
     lat = np.clip(on_earth, -_NEAR_POLE, _NEAR_POLE)
     step = np.degrees(_STEP / _EARTH_RADIUS)
-
-    def plane(lon, lat):
-        return to_plane(projection, lon, lat)
-
+    plane = partial(to_plane, projection)
     return _turn(plane, lon, lat, step / np.cos(np.radians(lat)), step)
 
 

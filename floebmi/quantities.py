@@ -46,7 +46,7 @@ def check(laws: Iterable[object]) -> None:
             place = f"{type(law).__name__}.{name}"
             if not laws_of[name]:
                 _check_number(place, value, hints[name])
-            elif value is not None or type(None) not in _parts(hints[name]):
+            elif value is not None or type(None) not in type_parts(hints[name]):
                 _check_law(place, value, laws_of[name], known)
 
 
@@ -122,6 +122,12 @@ def is_number(value: object) -> bool:
     return real and bool(np.isfinite(array))
 
 
+def check_length(name: str, value: object) -> None:
+    """InputError for what is no length [m] greater than 0."""
+    if not (is_number(value) and value > 0):
+        raise InputError(f"{name} = {value!r} m; must be greater than 0")
+
+
 def two_numbers(pair: object) -> tuple[float, float] | None:
     """The two numbers of a tuple, a list, an array or a column of a table; None of all else."""
     row = list(pair) if np.iterable(pair) and hasattr(pair, "__getitem__") else []
@@ -164,7 +170,7 @@ def words(law: tuple) -> str:
 
 
 def _check_number(place: str, value: object, hint: object) -> None:
-    parts = list(_parts(hint))
+    parts = list(type_parts(hint))
     whole = int in parts
     if not (whole or float in parts) or (value is None and type(None) in parts):
         return
@@ -179,20 +185,22 @@ def _check_number(place: str, value: object, hint: object) -> None:
             raise InputError(f"{place} = {value!r}: must be a {what} number")
         for part in parts:
             if type(part) in _BOUNDS:
-                name, holds, words = _BOUNDS[type(part)]
+                name, holds, relation = _BOUNDS[type(part)]
                 limit = getattr(part, name)
                 if not holds(one, limit):
-                    raise InputError(f"{place} = {value!r}: must be {words} {limit}")
+                    raise InputError(f"{place} = {value!r}: must be {relation} {limit}")
 
 
 def _laws(hint: object) -> list[type]:
     """The kinds of law that a type allows."""
-    return [part for part in _parts(hint) if isinstance(part, type) and hasattr(part, "_fields")]
+    return [
+        part for part in type_parts(hint) if isinstance(part, type) and hasattr(part, "_fields")
+    ]
 
 
-def _parts(hint: object) -> Iterator[object]:
+def type_parts(hint: object) -> Iterator[object]:
     """A type, what it is made of, and the bounds that it carries."""
     yield getattr(hint, "__origin__", hint)
     yield from getattr(hint, "__metadata__", ())
     for inner in get_args(hint):
-        yield from _parts(inner)
+        yield from type_parts(inner)

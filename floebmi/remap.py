@@ -6,12 +6,12 @@ what then: "error", take the "nearest" water of the file, or leave it "dry" (0, 
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from scipy import sparse
 
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word
 from floebmi.fields import Box
 from floebmi.grid import Grid
 from floebmi.interpolation import Corners, nearest, weights
@@ -27,9 +27,7 @@ def around_cells(
     place: Place, grid: Grid, needed: np.ndarray, fill_land: FillLand, label: str
 ) -> tuple[Corners, Box]:
     """The source points around each cell, and the block that holds them; all `needed` cells must be inside."""
-    if not is_word(fill_land, ("error", "nearest", "dry")):
-        allowed = ("error", "nearest", "dry")
-        raise InputError(f"fill_land = {fill_land!r}: {choose(fill_land, allowed)}")
+    check_word("fill_land", fill_land, get_args(FillLand))
     margin = _NEAREST_MARGIN if fill_land == "nearest" else 1
     around = place.corners(grid.x, grid.y)
     lost = np.flatnonzero(around.outside & needed)

@@ -10,12 +10,12 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from floebmi.clock import Clock
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word
 from floebmi.fields import (
     Field,
     File,
@@ -150,13 +150,8 @@ def read_scalar(
         if the variable, its meaning, its units, or its place are not clear; for a value beyond its bounds;
         if wet cells are not covered.
     """
-    allowed = ("area_fraction", "thickness", "sea_ice_volume", "land_fraction")
-    for name, value, words in (
-        ("quantity", quantity, allowed),
-        ("thickness_of", thickness_of, ("auto", "ice", "cell")),
-    ):
-        if not is_word(value, words):
-            raise InputError(f"{name} = {value!r}: {choose(value, words)}")
+    check_word("quantity", quantity, get_args(Quantity))
+    check_word("thickness_of", thickness_of, get_args(ThicknessOf))
     files = open_files(path)
     on = _On(
         files, grid, projection, position, file_projection, time, select, fill_land, mask, outside

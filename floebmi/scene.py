@@ -20,7 +20,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Edge, Feeder, Inflow, Wall, check_domain
-from floebmi.clock import Calendar, date_of
+from floebmi.clock import BeyondSpan, Calendar, date_of
 from floebmi.contact import (
     CompressiveFailure,
     Contact,
@@ -260,14 +260,9 @@ class Parts(Table):
 
     model: Literal["parts"] = "parts"
     elastic: keyed(Elastic) = Field(Elastic(), description="normal elasticity")
-    friction: (
-        one_of(
-            "law",
-            {name: table_of(law, "law", name) for name, law in _FRICTIONS.items()},
-            "coulomb",
-        )
-        | None
-    ) = Field(None, description="friction, with rotation")
+    friction: one_of("law", _FRICTIONS, "coulomb") | None = Field(
+        None, description="friction, with rotation"
+    )
     bonds: keyed(TensileStrength) | None = Field(None, description="tensile strength")
     dashpot: keyed(Restitution) | None = Field(None, description="normal damping")
     failure: keyed(CompressiveFailure) | None = Field(
@@ -284,12 +279,7 @@ class Parts(Table):
 _CONTACTS = {"frictional": frictional, "cohesive": cohesive}
 ContactTable = word_or(
     Literal["frictional", "cohesive", "none"],
-    one_of(
-        "model",
-        {word: table_of(make, "model", word) for word, make in _CONTACTS.items()}
-        | {"parts": Parts},
-        "parts",
-    ),
+    one_of("model", {**_CONTACTS, "parts": Parts}, "parts"),
 )
 
 
@@ -325,7 +315,7 @@ class FluidTable(Table):
     fill_land: FillLand = Field("error", description=FILL_LAND)
     position: Position = Field("auto", description=POSITION)
     file_projection: str | None = Field(None, description=FILE_PROJECTION)
-    beyond_span: Literal["error", "hold", "repeat"] = Field(
+    beyond_span: BeyondSpan = Field(
         "error", description="what holds before the first and after the last record"
     )
 
@@ -373,7 +363,6 @@ class CoriolisTable(Table):
     def build(self) -> Coriolis:
         if self.latitude is not None:
             return Coriolis(2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude)))
-        assert self.parameter is not None
         return Coriolis(self.parameter)
 
 
@@ -545,12 +534,11 @@ class Scene(Table):
             )
         if not (math.isfinite(total) and total > 0):
             raise InputError(f"duration = {total!r}: must be greater than 0 s")
-        every = self.output.every
-        exchange = self.time.exchange
+        every, exchange = self.output.every, self.time.exchange
         if every is None:
-            every = (
-                total / 20 if exchange is None else exchange * max(1, round(total / 20 / exchange))
-            )
+            every = total / 20
+            if exchange is not None:
+                every = exchange * max(1, round(every / exchange))
         if exchange is None:
             exchange = every
         check_intervals(every, exchange, f"{self._file}: [time] exchange")
@@ -562,7 +550,7 @@ class Scene(Table):
             ("ocean", built.ocean, built.model.ocean),
             ("atmosphere", built.atmosphere, built.model.atmosphere),
         ):
-            if source is not None and fluid is not None:
+            if source is not None:
                 with self.place(table):
                     check_forcing(source, fluid, start, end)
 
@@ -610,11 +598,7 @@ class Scene(Table):
             domain, grid, coast, self._file.parent, self.domain.projection, self.time.start,
             self.time.calendar,
         )  # fmt: skip
-        groups = []
-        for k, group in enumerate(self.floes):
-            with self._place_of_group(k):
-                groups.append(group.build(sea, _seed_of_group(self.seed, k)))
-        floes = Floes.concatenate([*groups, *([] if coast is None else [coast.floes])])
+        floes = self._floes(sea)
         with self.place(""):
             model = Model(
                 domain,
@@ -655,6 +639,16 @@ class Scene(Table):
                         group.check_begins(self._file.parent, start)
         return Built(model, ocean, atmosphere, land, start, calendar)
 
+    def _floes(self, sea: Sea) -> Floes:
+        """The floes of all groups, and those that line the shore."""
+        parts = []
+        for k, group in enumerate(self.floes):
+            with self._place_of_group(k):
+                parts.append(group.build(sea, _seed_of_group(self.seed, k)))
+        if sea.land is not None:
+            parts.append(sea.land.floes)
+        return Floes.concatenate(parts)
+
     def tilt_sea(self, model: "Model") -> None:
         """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
         if self.tilt is not None:
@@ -671,10 +665,9 @@ class Scene(Table):
             law = table.build()
         else:
             law = law_of(table, _CONTACTS[table.model])
-        chosen = isinstance(table, Parts) and table.friction is not None
         if self.preset is None or law.friction is None:
             return law
-        if chosen and "law" in table.friction.model_fields_set:
+        if isinstance(table, Parts) and "law" in table.friction.model_fields_set:
             return law
         return law._replace(friction=Damsgaard2018Coulomb(*law.friction))
 
@@ -731,7 +724,6 @@ class Scene(Table):
             )
         from floebmi.scalars import read_scalar
 
-        assert table.file is not None
         if grid is None or len(grid.shape) != 2:
             raise InputError("file: needs a [grid] of rows and columns, on which land is found")
         land = read_scalar(
@@ -775,7 +767,7 @@ class Scene(Table):
         return None, calendar
 
     def _source(self, table: FluidTable | None, fluid: "Fluid | None") -> "VelocitySource | None":
-        if table is None or fluid is None:
+        if table is None:
             return None
         from floebmi import forcing
 

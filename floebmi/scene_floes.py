@@ -33,12 +33,13 @@ from floebmi.scene_keys import (
     ScenePath,
 )
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
-from floebmi.tables import Table, law_of, one_of, table_of
+from floebmi.tables import Table, law_of, one_of
 
 if TYPE_CHECKING:
     from floebmi.coast import Coast
 
 Axis = Literal["x", "y", "rotation"]
+Motion = Literal["free", "fixed", "driven"] | list[Axis]
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 
 
@@ -77,11 +78,7 @@ _SIZE_LAWS = {
     "single": SingleSize,
     "histogram": Histogram,
 }
-SizeTable = one_of(
-    "distribution",
-    {word: table_of(law, "distribution", word) for word, law in _SIZE_LAWS.items()}
-    | {"file": SizesFromFile},
-)
+SizeTable = one_of("distribution", {**_SIZE_LAWS, "file": SizesFromFile})
 
 
 def sizes_of(table: Any, folder: Path) -> Any:
@@ -101,7 +98,7 @@ class Group(Table):
         (0.0, 0.0),
         description="velocity at the start (along x, along y) [m/s]; else that of the file or list, or at rest",
     )
-    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
+    motion: Motion = Field(
         "free",
         description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
         "['x', 'y', 'rotation']; floes of a file or list have their own unless it is given",
@@ -320,9 +317,7 @@ class OneFloe(Table):
     thickness: Positive = Field(1.0, description="of the floe [m]")
     u: float = Field(0.0, description="velocity along x [m/s]")
     v: float = Field(0.0, description="velocity along y [m/s]")
-    motion: Literal["free", "fixed", "driven"] | list[Axis] = Field(
-        "free", description="as for a group of floes"
-    )
+    motion: Motion = Field("free", description="as for a group of floes")
 
 
 class Listed(Group):
@@ -351,7 +346,7 @@ GroupTable = one_of(
 )
 
 
-def _motion_bits(motion: str | list[Axis]) -> int:
+def _motion_bits(motion: Motion) -> int:
     if isinstance(motion, str):
         return {"free": 0, "fixed": FIXED, "driven": DRIVEN}[motion]
     return sum({_AXIS_BITS[axis] for axis in motion})

@@ -31,6 +31,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from floebmi.errors import InputError, choose
+from floebmi.quantities import type_parts
 
 
 class Table(BaseModel):
@@ -115,17 +116,21 @@ class ByKey:
         self.key, self.default = key, default
         self.__name__ = key  # pydantic wants a name of a callable
 
-    def __call__(self, value: Any) -> str | None:
+    def __call__(self, value: Any) -> str:
         if isinstance(value, dict):
             word = value.get(self.key, self.default)
         else:  # not a table: let the default declaration say so
             word = getattr(value, self.key, self.default)
-        return _tag(word) if word is not None else _tag("")
+        return _tag("" if word is None else word)
 
 
-def one_of(key: str, tables: dict[str, Any], default: str | None = None) -> Any:
-    """The type of a table whose `key` says which of `tables` it is."""
-    members = [Annotated[table, Tag(_tag(word))] for word, table in tables.items()]
+def one_of(key: str, choices: dict[str, Any], default: str | None = None) -> Any:
+    """The type of a table whose `key` says which of the choices, tables or laws, it is."""
+    members = []
+    for word, choice in choices.items():
+        is_table = isinstance(choice, type) and issubclass(choice, Table)
+        table = choice if is_table else table_of(choice, key, word)
+        members.append(Annotated[table, Tag(_tag(word))])
     return Annotated[Union[tuple(members)], Discriminator(ByKey(key, default))]  # noqa: UP007
 
 
@@ -259,17 +264,6 @@ def _allowed_keys(root: Any, loc: tuple) -> list[str]:
     ]
 
 
-def _discriminator(hint: Any) -> Any:
-    if get_origin(hint) is Annotated:
-        for note in get_args(hint)[1:]:
-            if isinstance(note, Discriminator):
-                return note.discriminator
-        return _discriminator(get_args(hint)[0])
-    if get_origin(hint) in (Union, types.UnionType):
-        return next(filter(None, map(_discriminator, get_args(hint))), None)
-    return None
-
-
 # ---- files ------------------------------------------------------------------------------------
 
 
@@ -364,7 +358,10 @@ def apply_override(
         place = ".".join(override.keys[: depth + 1])
         if part.isdecimal() and isinstance(node, dict):
             raise InputError(f"--set {override.text}: {place} is not a list, so it takes no number")
-        node = node.setdefault(part, {}) if isinstance(node, dict) else _item(node, part, override)
+        if isinstance(node, dict):
+            node = node.setdefault(part, {})
+        else:
+            node = node[_index(node, part, override)]
         if isinstance(node, list) and not override.keys[depth + 1].isdecimal():
             if len(node) != 1:
                 raise InputError(
@@ -378,18 +375,13 @@ def apply_override(
         if not isinstance(node, (dict, list)):
             raise InputError(f"--set {override.text}: {place} is {node!r}, not a table of keys")
     last = override.keys[-1]
-    if isinstance(node, list):
-        if not last.isdecimal() or not 1 <= int(last) <= len(node):
-            raise InputError(f"--set {override.text}: {last!r} must be 1 to {len(node)}")
-        node[int(last) - 1] = override.value
-    else:
-        node[last] = override.value
+    node[last if isinstance(node, dict) else _index(node, last, override)] = override.value
 
 
-def _item(node: list, part: str, override: Override) -> Any:
+def _index(node: list, part: str, override: Override) -> int:
     if not part.isdecimal() or not 1 <= int(part) <= len(node):
         raise InputError(f"--set {override.text}: {part!r} must be 1 to {len(node)}")
-    return node[int(part) - 1]
+    return int(part) - 1
 
 
 # ---- validation -------------------------------------------------------------------------------
@@ -453,8 +445,10 @@ def _path(declaration: Any, error: Any, tables: Any) -> tuple:
 
 
 def _key_of_choice(declaration: Any, loc: tuple) -> str:
-    found = map(_discriminator, _declared(declaration, loc))
-    return next((choice.key for choice in found if isinstance(choice, ByKey)), "")
+    """The key whose word picks the table there."""
+    parts = (part for hint in _declared(declaration, loc) for part in type_parts(hint))
+    choices = (part.discriminator for part in parts if isinstance(part, Discriminator))
+    return next((choice.key for choice in choices if isinstance(choice, ByKey)), "")
 
 
 def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | None:
@@ -537,9 +531,8 @@ _BOUNDS = {
 def _message(declaration: Any, errors: list) -> str:
     """What would be right; where several types are allowed, all of them."""
     messages = list(dict.fromkeys(_message_of(declaration, error) for error in errors))
-    parts = [message.removeprefix("must be ") for message in messages]
-    if len(messages) > 1 and all(message.startswith("must be ") for message in messages):
-        return "must be " + ", or ".join(parts)
+    if all(message.startswith("must be ") for message in messages):
+        return "must be " + ", or ".join(text.removeprefix("must be ") for text in messages)
     return messages[0]
 
 

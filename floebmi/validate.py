@@ -15,7 +15,7 @@ import json
 import math
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -103,7 +103,7 @@ def _case(number: int, name: str, source: str) -> Callable:
     return add
 
 
-def find(names: list[str] | tuple[str, ...]) -> list[Case]:
+def find(names: Sequence[str]) -> list[Case]:
     """Cases by short names or numbers, all of them for none.
 
     Raises
@@ -166,10 +166,9 @@ def save(results: dict[str, list[Measure]], path: str | Path) -> None:
 # ---- what several cases use ----------------------------------------------------------------------
 
 
-def hexagonal_pack(
-    n: int, contact: Contact, step: Step = Step(), squeeze: float = 0.999, speed: float = 1e-5
-) -> Model:
-    """n × n equal floes of 1 m, pressed together by 1 − squeeze, with small random velocities."""
+def hexagonal_pack(n: int, contact: Contact, step: Step = Step(), speed: float = 1e-5) -> Model:
+    """n × n equal floes of 1 m, pressed together by a thousandth, with small random velocities."""
+    squeeze = 0.999
     x, y = np.meshgrid(np.arange(n) * 2.0, np.arange(n) * np.sqrt(3.0))
     x[1::2] += 1.0
     size = (2.0 * n * squeeze, np.sqrt(3.0) * n * squeeze)
@@ -179,12 +178,12 @@ def hexagonal_pack(
     return Model(Domain((0.0, size[0]), (0.0, size[1]), *PERIODIC), floes, contact, step=step)
 
 
-def kinetic_energy(floes: Floes, density: float = DENSITY) -> float:
+def kinetic_energy(floes: Floes) -> float:
     """Of motion and spin [J]."""
-    mass = floes.mass(density)
+    mass = floes.mass(DENSITY)
     energy = (mass * (floes.u**2 + floes.v**2)).sum()
     if floes.rotation:
-        energy += (floes.moment_of_inertia(density) * floes.angular_velocity**2).sum()
+        energy += (floes.moment_of_inertia(DENSITY) * floes.angular_velocity**2).sum()
     return 0.5 * float(energy)
 
 
@@ -221,11 +220,7 @@ def _largest(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _same_bits(one: Model, other: Model) -> float:
-    names = ["x", "y", "u", "v", *(["angle", "angular_velocity"] if one.floes.rotation else [])]
-    return float(
-        all(np.array_equal(getattr(one.floes, n), getattr(other.floes, n)) for n in names)
-        and np.array_equal(one.ledger.now, other.ledger.now)
-    )
+    return float(one.floes.same(other.floes) and np.array_equal(one.ledger.now, other.ledger.now))
 
 
 # ---- the cases -----------------------------------------------------------------------------------
@@ -479,12 +474,8 @@ class _Chain(NamedTuple):
 def _chain(step: Step, order: np.ndarray | None = None) -> _Chain:
     """A chain of 10 floes with one weak link, pulled at 1 cm/s until it breaks, and 20 s longer."""
     n = 10
-    x, u, thickness, motion = (
-        20.0 * np.arange(n) * (1 - 1e-7),
-        np.linspace(0, 1e-2, n),
-        np.ones(n),
-        np.zeros(n, int),
-    )
+    x, u = 20.0 * np.arange(n) * (1 - 1e-7), np.linspace(0, 1e-2, n)
+    thickness, motion = np.ones(n), np.zeros(n, int)
     thickness[4], motion[[0, -1]] = 0.9, FIXED
     at = np.arange(n) if order is None else order
     floes = Floes(x[at], 0.0, 10.0, thickness[at], u=u[at], motion=motion[at])
@@ -691,13 +682,8 @@ def _host_calls(long: bool) -> Iterator[Measure]:
         floes = Floes(
             [0.0, 30.0, 60.0], [0.0, 5.0, -5.0], [10.0, 12.0, 9.0], 1.0, u=[0.6, 0.0, -0.5]
         )
-        model = Model(
-            Domain((-900.0, 900.0), (-900.0, 900.0)),
-            floes,
-            frictional(),
-            [OceanDrag(), AirDrag()],
-            step=step,
-        )
+        box, fluids = Domain((-900.0, 900.0), (-900.0, 900.0)), [OceanDrag(), AirDrag()]
+        model = Model(box, floes, frictional(), fluids, step=step)
         model.ocean.u[:], model.atmosphere.v[:] = 0.2, 8.0
         for duration in split:
             model.advance(duration)
@@ -883,11 +869,10 @@ def _restart(long: bool) -> Iterator[Measure]:
 def _large(steps: int, threads: int) -> Model:
     """60 000 floes in a dense lattice, struck at random: enough for chunks."""
     side = 20.0 * 245
-    edges = ("periodic",) * 4
-    floes = regular(Domain((0.0, side), (0.0, side), *edges), 9.99, spacing=20.0, lattice="square")
+    domain = Domain((0.0, side), (0.0, side), *PERIODIC)
+    floes = regular(domain, 9.99, spacing=20.0, lattice="square")
     rng = np.random.default_rng(5)
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.5, (2, len(floes)))
-    domain = Domain((0.0, side), (0.0, side), *edges)
     model = Model(domain, floes, frictional(), step=Step(length=0.01), threads=threads)
     model.advance(0.01 * steps)
     return model
@@ -1004,23 +989,13 @@ def _fast_spin(long: bool) -> Iterator[Measure]:
 def _few_and_many(long: bool) -> Iterator[Measure]:
     """No floe, one, two, all fixed, and very many: they run, and their files can be read."""
     with tempfile.TemporaryDirectory() as folder:
-        for name, n in [
-            ("0", 0),
-            ("1", 1),
-            ("2", 2),
-            ("all fixed", 9),
-            ("many", 1_000_000 if long else 20_000),
-        ]:
+        many = 1_000_000 if long else 20_000
+        for name, n in (("0", 0), ("1", 1), ("2", 2), ("all fixed", 9), ("many", many)):
             across = max(1, math.ceil(math.sqrt(n)))
             side = 21.0 * across
             k = np.arange(n)
-            floes = Floes(
-                21.0 * (k % across) + 10.5,
-                21.0 * (k // across) + 10.5,
-                10.0,
-                1.0,
-                motion=FIXED if name == "all fixed" else 0,
-            )
+            x, y = 21.0 * (k % across) + 10.5, 21.0 * (k // across) + 10.5
+            floes = Floes(x, y, 10.0, 1.0, motion=FIXED if name == "all fixed" else 0)
             domain = Domain((0.0, side), (0.0, side))
             grid = Grid.uniform(domain.x, domain.y, shape=(4, 4))
             model = Model(domain, floes, frictional(), [OceanDrag(), AirDrag()], grid)
@@ -1032,9 +1007,9 @@ def _few_and_many(long: bool) -> Iterator[Measure]:
                 open_file(files[1], "trajectories") as ways,
             ):
                 good = len(fields.dimensions["time"]) == 3
-                good = good and len(ways.dimensions["trajectory"]) == n
+                good &= len(ways.dimensions["trajectory"]) == n
                 area = float((fields["sea_ice_area_fraction"][-1] * grid.area.reshape(4, 4)).sum())
-                good = good and bool(np.isfinite(np.ma.getdata(ways["x"][:])).all())
-            good = good and abs(area - floes.area.sum()) <= 1e-3 * max(1.0, floes.area.sum())
+                good &= bool(np.isfinite(np.ma.getdata(ways["x"][:])).all())
+            good &= bool(abs(area - floes.area.sum()) <= 1e-3 * max(1.0, floes.area.sum()))
             what = f"{n} floes{', all fixed' if name == 'all fixed' else ''}: ran, files hold them (1: yes)"
             yield Measure(what, float(good), "=", 1)

@@ -353,7 +353,7 @@ def test_such_a_place_is_refused_by_every_command_before_its_work(
     for module, work in (
         (ensemble, "run"),
         (validate, "table"),
-        (plot, "_open_view"),
+        (plot, "open_view"),
         (paraview, "open_file"),
     ):
         monkeypatch.setattr(module, work, lambda *a, **k: pytest.fail("work has begun"))

@@ -79,17 +79,16 @@ def run(
     table = {name: tuple(values.get(name, (default,))) for name, default, _ in rows(kind)}
     for name, several in values.items():
         if name not in table:
-            make(kind, {name: several[0]})  # says what is allowed
+            make(kind, {name: None})  # says what is allowed
         if len(set(several)) < len(several) or not several:
             raise InputError(f"{kind.__name__}.{name} = {several}: each value once, at least one")
         if name in TIMES and len(several) > 1:
             raise InputError(
                 f"{kind.__name__}.{name} = {several}: must be one value, since all members of a file share its times"
             )
-    always = ("normal_stress",) if kind is Shear else ()
-    sweep = {name: v for name, v in table.items() if len(v) > 1 or name in always}
-    # what is fitted over comes last
-    sweep = {k: sweep[k] for k in sorted(sweep, key=lambda name: name in always)}
+    sweep = {name: v for name, v in table.items() if len(v) > 1}
+    if kind is Shear:  # what is fitted over is always there, and comes last
+        sweep["normal_stress"] = sweep.pop("normal_stress", table["normal_stress"])
     parameters = {name: v[0] for name, v in table.items() if name not in sweep}
     module = shear if kind is Shear else strait
     for point in ensemble.points_of(sweep):

@@ -138,9 +138,8 @@ def _experiment(
                 values.setdefault("normal_stress", parameters.NORMAL_STRESSES)
             made = campaign.run(kind, values, numbers, save or Path(f"{name}.nc"), **how)
     if not quiet:
-        click.echo(
-            "\n".join([made.text] * bool(made.text) + [f"wrote {path}" for path in made.files])
-        )
+        told = [made.text] if made.text else []
+        click.echo("\n".join([*told, *(f"wrote {path}" for path in made.files)]))
     if made.failures:
         fail(f"{len(made.failures)} members failed; the same command runs them again", 3)
 

@@ -11,7 +11,7 @@
 | 8, 9, 10 | the same against width, spread of sizes, thickness; both models |
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -145,8 +145,10 @@ def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
             )
         made[model] = campaign.run(kind, chosen, seeds, path, **how)
     data = {model: one.data for model, one in made.items()}
-    draw: Callable[..., Figure] = {3: _stresses, 4: _profiles}.get(number, _jamming)
-    figure = draw(data) if number in (3, 4) else draw(data, SWEEPS[number])
+    if kind is Shear:
+        figure = _stresses(data) if number == 3 else _profiles(data)
+    else:
+        figure = _jamming(data, sweep)
     return Drawn(
         figure,
         [path for one in made.values() for path in one.files],
@@ -393,7 +395,7 @@ def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
     """T with its interval; arrows are lower bounds where no run jammed; crosses the fit as in the paper."""
     x, colour = one[sweep.name].values / sweep.unit, LINES[0]  # one legend is of all models
     T, fit = one.jamming_timescale.values / HOUR, one.jamming_timescale_fit.values / HOUR
-    low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in ("low", "high"))
+    low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in campaign.BOUNDS)
     some = np.isfinite(T)
     if some.any():
         bars = np.stack([T[some] - low[some], high[some] - T[some]])

@@ -88,7 +88,7 @@ def consolidate(p: Shear, seed: int) -> Cell:
     top = float((floes.y + floes.radius).max())
     domain = Domain((0.0, length), (0.0, 1.2 * top), "periodic", "periodic", "closed")
     model = Model(
-        domain, floes, contact(p), 
+        domain, floes, contact(p),
         walls=[Wall("north", top, normal_stress=p.normal_stress, damping=p.wall_damping)],
         step=step(p), ice_density=p.ice_density, seed=seed,
     )  # fmt: skip
