@@ -243,8 +243,8 @@ def regular(
     Raises
     ------
     InputError
-        if floes would overlap, or no whole number of rows gives the concentration; it says the
-        nearest.
+        if floes would overlap, if none has room, or no whole number of rows gives the concentration;
+        it says the nearest.
     """
     check_domain(domain)
     check_word("lattice", lattice, ("hexagonal", "square"))
@@ -265,6 +265,10 @@ def regular(
     else:
         best = _rows_of_concentration(domain, radius, concentration, lattice)
     x, y = _on_rows(best, domain)
+    if not len(x):
+        raise InputError(
+            f"radius = {radius:g} m; no floe has room in the domain; choose a smaller one"
+        )
     return Floes(x, y, radius, thickness)
 
 

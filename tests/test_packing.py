@@ -435,6 +435,10 @@ def test_a_lattice_has_the_concentration_as_closely_as_rows_allow(concentration,
     [
         ({"spacing": 30.0}, "spacing = 30.0 m; must be at least 2 radii, 40 m"),
         ({"spacing": 44.0}, "whole rows along the period are"),
+        (
+            {"domain": Domain((0, 100), (0, 300)), "radius": 60.0, "spacing": 130.0},
+            "radius = 60 m; no floe has room",
+        ),
         ({"spacing": None}, "give one of them, not both"),
         ({"spacing": None, "concentration": 0.95}, "nearest that fits"),
         ({"spacing": None, "concentration": "0.5"}, "concentration = '0.5'; must be between"),
