@@ -12,7 +12,7 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 import math
 from collections.abc import Sequence
 from time import perf_counter
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from floebmi.dynamics import (
     Step,
     Walls,
     strayed,
+    touch_all,
     verlet,
 )
 from floebmi.errors import StabilityError
@@ -310,10 +311,8 @@ class Advance:
         return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        """The forces at the present place, and who is near: a step of no time, in which there is nothing to book."""
-        nothing = tuple(np.empty((0, 0)) for _ in self.forces)
-        one_step = 1, np.zeros(0, np.int64), self.marked, 0.0, math.inf, 1, _never()
-        self._verlet(nothing, self._books(), 0.0, math.inf, 0.0, *one_step)
+        """The forces at the present place, and who is near; no time has passed, so there is nothing to book."""
+        touch_all(self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers)
         self.near = True  # the short list is of the present place
 
     def _books(self) -> Books:
@@ -466,7 +465,7 @@ class Advance:
             self.lists = self.lists._replace(near=near)
             self._meet_walls(nobody, nobody)
         if without == "forces":
-            self.lag = _never()
+            self.lag[:] = -math.inf, math.inf  # ahead for ever
         begin = perf_counter()
         taken = self._kernel(self.state.counters.last_step, steps)
         return (perf_counter() - begin) / taken
@@ -518,29 +517,23 @@ class Advance:
 
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
-        books, room = self._books(), (self.travelled, self._reach())
+        books = self._books()
+        scene = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
+        room = self.travelled, self._reach()
         if self.step.scheme != "verlet":
-            scene = self._scene(self.at, books)
             done = taylor(self.step.scheme == "taylor3", *scene, dt, steps, *room, self.buffers)
         else:
             parts = np.ceil(self.rate * (self.step.drag_every * dt / DRAG_RESOLUTION))
             substeps = np.maximum(1, parts).astype(np.int64)
-            way = self.before.speed * dt if self.near else math.inf
-            rest = steps, substeps, self.marked, *room, self.step.drag_every, self.lag
-            done = self._verlet(self.at, books, self._first_kick(dt), way, dt, *rest)
+            rest = dt, steps, substeps, self.marked, *room, self.step.drag_every, self.lag
+            scene = *scene, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
+            if len(self.tiles.chunks) == 2:
+                done = verlet(*scene, *rest, self.buffers)
+            else:
+                done = verlet_in_threads(self.threads, *scene, *rest)
         self._close(books)
         self.near = False
         return done
-
-    def _scene(self, at: tuple[np.ndarray, ...], books: Books) -> tuple:
-        return self._laws(), self.forces, at, self.packed, self.lists, self.walls, books
-
-    def _verlet(self, at: tuple[np.ndarray, ...], books: Books, *steps: Any) -> int:
-        """`dynamics.verlet`, or what does the same in threads; steps : its arguments between books and buffers."""
-        scene = self._scene(at, books)
-        if len(self.tiles.chunks) == 2:
-            return verlet(*scene, *steps, self.buffers)
-        return verlet_in_threads(self.threads, *scene, *steps)
 
     def _count(self, steps: int, dt: float) -> None:
         counters = self.state.counters
@@ -682,11 +675,6 @@ class Advance:
             if loss:
                 ledger.book(name, energy=-loss)
         self.state.counters.bonds_broken += int(round(broken))
-
-
-def _never() -> np.ndarray:
-    """`Advance.lag` of forces that do not act: they are ahead for ever."""
-    return np.array([-math.inf, math.inf])
 
 
 def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) -> None:

@@ -242,8 +242,7 @@ def kick_walls(walls, before, after, ahead):
     for w in range(walls.size):
         wall = walls[w]
         force = wall.force + ahead * (wall.force - wall.previous)
-        if before + after > 0.0:  # to look at the forces is no step
-            wall.previous = wall.force
+        wall.previous = wall.force
         kick_wall(wall, force, before)
         wall.speed *= np.exp(-wall.damping * (before + after))
         kick_wall(wall, force, after)
@@ -294,7 +293,7 @@ def glide(p, begin, end, kicked, dt):
         floe = p.floes[k]
         # one inverse mass serves both axes, and is in the floe's own line of the cache
         kick_one(p, k, floe.w, floe.w, kicked)
-        forget(p.spinning, p.force[k])
+        forget_one(p.spinning, p.force[k])
         floe.x += dt * floe.u
         floe.y += dt * floe.v
         fastest = max(fastest, floe.u * floe.u + floe.v * floe.v)
@@ -612,6 +611,19 @@ def inverse_of(p):
     return Inverse(p.held.size > 0, p.inverse_x, p.inverse_y, p.inverse_spin)
 
 
+@in_place
+def touch_all(laws, packed, lists, walls, books, buffers):
+    """The forces at the present place, and the short list, as a step leaves them."""
+    p, near, last = packed, lists.near, lists.near.counts.size
+    first = last - last  # as in `verlet`
+    inverse = inverse_of(p)
+    forget(p.spinning, p.force)
+    narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, lists.skin)
+    for tile in range(last):
+        touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0], lists.blows[0])
+    settle(near, first, last)
+
+
 @inlined
 def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps,
           books, buffers):  # fmt: skip
@@ -665,7 +677,6 @@ def verlet(
 
     first_kick : time of the first kick of contact forces [s], see `Advance._first_kick`
     way : of the fastest floe in a step [m], if the short list is of the present place; inf: it is to be made anew
-    dt : 0: nothing moves; the forces at the present place are found, and the short list is made
     travelled, reach : how far floes have strayed from `marked`, and how far they may [m]
     lag : see `time_to_push`; none is left after `steps`
     """
@@ -673,10 +684,6 @@ def verlet(
     # a zero, but no literal: for one the compiler would make kernels of their own
     first = last - last
     done, kicks, since, skin = 0, (0.0, first_kick), 0.0, lists.skin
-    moves = dt > 0.0
-    if not moves:  # else they are used up on the way
-        for k in range(p.force.size):
-            forget(p.spinning, p.force[k])
     while done < steps:
         if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
             travelled = strayed(p.floes, walls.walls, marked)
@@ -691,7 +698,7 @@ def verlet(
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
                        skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
-                laws, forces, at, p, lists, walls, first, last, moves and half == 0, half == 1 or not anew,
+                laws, forces, at, p, lists, walls, first, last, half == 0, half == 1 or not anew,
                 kicks, dt, pushed, substeps, books, (*buffers, lists.blows),
             )  # fmt: skip
             fastest = max(fastest, speed2)
@@ -699,7 +706,7 @@ def verlet(
         travelled, since = travelled + way, 0.0 if anew else since + way
         done, kicks = done + 1, (0.5 * dt, 0.5 * dt)
     settle(near, first, last)
-    if done > 0 and moves:
+    if done > 0:
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
             forces, at, p, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
@@ -756,8 +763,14 @@ def is_stale(since, way, skin):
 
 
 @inner
-def forget(spinning, f):
-    """The force of the last step is used up."""
+def forget(spinning, force):
+    """Forces of the last step are used up."""
+    for k in range(force.size):
+        forget_one(spinning, force[k])
+
+
+@inner
+def forget_one(spinning, f):
     f.x = 0.0
     f.y = 0.0
     forget_torque(spinning, f)

@@ -47,8 +47,7 @@ def taylor(
     pair_buffer, _ = buffers
     done, way, since, skin = 0, 0.0, np.inf, lists.skin
     while done < steps and travelled < reach:
-        for k in range(p.force.size):
-            forget(p.spinning, p.force[k])
+        forget(p.spinning, p.force)
         if is_stale(since, way, skin):
             skin = wide_enough(lists.skin, way)
             narrow(laws.period_x, laws.period_y, p.floes, near, start, parts, lists.gap,

@@ -75,8 +75,8 @@ def test_a_thread_that_fails_keeps_nobody_waiting(small_chunks, monkeypatch):
             raise MemoryError("no room")
         return share(thread, *others)
 
-    model = pack_of_floes(frictional(), threads=2)
     monkeypatch.setattr(threads, "_share", fails)
+    model = pack_of_floes(frictional(), threads=2)
     before = model.floes.copy()
     with pytest.raises(MemoryError, match="no room"):
         model.advance(0.5)
