@@ -312,7 +312,10 @@ class Advance:
 
     def _touch(self) -> None:
         """The forces at the present place, and who is near; no time has passed, so there is nothing to book."""
-        touch_all(self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers)
+        if len(self.pairs.i) or len(self.state.walls):  # else there is nothing that could touch
+            touch_all(
+                self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers
+            )
         self.near = True  # the short list is of the present place
 
     def _books(self) -> Books:

@@ -504,9 +504,9 @@ def look(law, period_x, period_y, floes, mu, sigma, near, pairs):
 
     near, pairs : the short list, as steps or a look at the forces leave it; the others cannot touch
     """
-    if law is None:
-        return np.empty(0, np.int64), np.empty((0, 9))
     room = near.counts.sum()
+    if law is None or room == 0:
+        return np.empty(0, np.int64), np.empty((0, 9))
     touching, rows = np.empty(room, np.int64), np.empty((room, 9))
     n = _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows)
     return touching[:n], rows[:n]
