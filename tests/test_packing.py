@@ -157,7 +157,7 @@ def test_any_number_of_floes_is_laid_without_overlap(count, ratio, concentration
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},
             "domain.y: 500 m; must be at least 2 radii of the largest",
         ),
-        ({"sizes": SingleSize(200.0)}, "no number of floes of these sizes comes within 0.5 %"),
+        ({"sizes": SingleSize(200.0)}, "no number of the floes drawn comes within 0.5 %"),
         ({"sizes": PowerLaw(5.0, 4.0)}, "PowerLaw.radius_max = 4 m"),
         ({"thickness": 0.0}, "thickness = 0.0 m; must be greater than 0"),
         ({"seed": -1}, "seed = -1; must be a whole number"),
