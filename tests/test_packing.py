@@ -322,6 +322,16 @@ def test_each_cell_gets_its_ice_within_about_half_a_floe():
     assert abs(thrown - wanted).max() > 8.0
 
 
+def test_small_floes_lie_all_over_a_field_of_which_large_ones_cover_cells():
+    grid = Grid.uniform((0.0, 20e3), (0.0, 10e3), spacing=1e3)
+    floes = from_field(grid, 0.8, 1.0, PowerLaw(50.0, 800.0, -2.0), seed=0)
+    small = floes.radius < 200.0
+    share, _, _ = np.histogram2d(
+        floes.x[small], floes.y[small], (4, 2), ((0, 20e3), (0, 10e3)), weights=floes.area[small]
+    )
+    assert (abs(share / share.sum() - 1 / 8) < 0.05).all()
+
+
 def test_a_floe_has_the_thickness_of_its_cell():
     grid = Grid.uniform((0.0, 4e3), (0.0, 4e3), shape=(4, 4))
     thickness = 1.0 + np.arange(16.0)
