@@ -248,7 +248,9 @@ def _lay(
     ice = np.bincount(group, ground.ice[here])
     left = np.maximum(ice - np.bincount(group, taken[here] * np.prod(ground.step)), 0.0)
     open_ice = np.where(here & ~taken, ground.ice, 0.0)
-    share = left / np.maximum(np.bincount(group, open_ice[here]), np.finfo(float).tiny)
+    room = np.bincount(group, open_ice[here])
+    # a cell that larger floes cover has none, whatever they leave of its ice: others get it
+    share = np.divide(left, room, out=np.zeros(len(room)), where=room > 0)
     weight = np.zeros(len(taken))
     weight[here] = open_ice[here] * share[group]
     if ground.clear is not None:

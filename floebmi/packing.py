@@ -43,12 +43,18 @@ def scatter(
 ) -> Floes:
     """Floes in random places that do not overlap.
 
+    The area of ice is even over the domain, down to a radius from its edges.  So floes that would
+    reach over an edge that is not periodic are pushed back until they touch it, and lie along it in
+    loose packs, too.
+
     Parameters
     ----------
     domain : floes cross periodic edges, and lie wholly inside the others
     sizes : the distribution of radii
     concentration : area of floes over the area of the domain that is not land, met within 0.5 %.
-        About 0.85 is reached by any sizes, 0.88 by radii that differ by a factor of 2
+        About 0.85 is reached by any sizes, 0.88 by radii that differ by a factor of 2, where edges
+        are periodic or floes are thousands; a few hundred between other edges reach some hundredths
+        less, and equal ones by luck of the seed
     count : number of floes, in place of a concentration
     thickness : of all floes [m]
     seed : of the random numbers; the same seed gives the same floes, bit for bit
@@ -62,7 +68,7 @@ def scatter(
     Raises
     ------
     InputError
-        if the floes do not fit, or no number of floes comes within 0.5 % of the concentration.
+        if the floes do not fit, or no number of those drawn comes within 0.5 % of the concentration.
 
     Examples
     --------
@@ -334,7 +340,8 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
     """Press floes apart, in place, until none overlap or they are jammed.
 
     Floes with a prescribed motion stay where they are, velocities stay as they are.  At closed
-    edges floes are moved wholly inside.
+    edges floes are moved wholly inside, over inactive ones they may be pushed out: a floe whose
+    centre lies beyond leaves as a run begins.
 
     Parameters
     ----------
@@ -582,8 +589,8 @@ def _draw_area(
         if error[best] <= CLOSE_ENOUGH * area:
             return np.append(radius[:others], last[best])
     raise InputError(
-        f"no number of floes of these sizes comes within 0.5 % of {area:.4g} m² ({count} floes: "
-        f"{total[count] / area - 1:+.1%}); give a count, or smaller floes"
+        f"no number of the floes drawn comes within 0.5 % of {area:.4g} m² ({count} floes: "
+        f"{total[count] / area - 1:+.1%}); give a count, smaller floes or, if sizes differ, another seed"
     )
 
 

@@ -157,7 +157,7 @@ def test_any_number_of_floes_is_laid_without_overlap(count, ratio, concentration
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},
             "domain.y: 500 m; must be at least 2 radii of the largest",
         ),
-        ({"sizes": SingleSize(200.0)}, "no number of floes of these sizes comes within 0.5 %"),
+        ({"sizes": SingleSize(200.0)}, "no number of the floes drawn comes within 0.5 %"),
         ({"sizes": PowerLaw(5.0, 4.0)}, "PowerLaw.radius_max = 4 m"),
         ({"thickness": 0.0}, "thickness = 0.0 m; must be greater than 0"),
         ({"seed": -1}, "seed = -1; must be a whole number"),
@@ -320,6 +320,16 @@ def test_each_cell_gets_its_ice_within_about_half_a_floe():
     # negative control: floes thrown anywhere in proportion are off by their square root
     thrown = np.random.default_rng(1).multinomial(len(floes), wanted / wanted.sum())
     assert abs(thrown - wanted).max() > 8.0
+
+
+def test_small_floes_lie_all_over_a_field_of_which_large_ones_cover_cells():
+    grid = Grid.uniform((0.0, 20e3), (0.0, 10e3), spacing=1e3)
+    floes = from_field(grid, 0.8, 1.0, PowerLaw(50.0, 800.0, -2.0), seed=0)
+    small = floes.radius < 200.0
+    share, _, _ = np.histogram2d(
+        floes.x[small], floes.y[small], (4, 2), ((0, 20e3), (0, 10e3)), weights=floes.area[small]
+    )
+    assert (abs(share / share.sum() - 1 / 8) < 0.05).all()
 
 
 def test_a_floe_has_the_thickness_of_its_cell():
