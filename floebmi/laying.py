@@ -260,7 +260,8 @@ def _lay(
         weight = ground.ice
     reached = np.cumsum(weight)
     area = radius**2
-    middle = (np.cumsum(area) - area / 2) / area.sum() * reached[-1]
+    # the string begins anywhere on the curve, closed to a ring: of many seeds each place is met alike
+    middle = ((np.cumsum(area) - area / 2) / area.sum() + rng.random()) % 1.0 * reached[-1]
     place = np.searchsorted(reached, middle, side="right")
     place = np.minimum(place, np.flatnonzero(weight)[-1])
     x, y = ground.centres(place).T.copy()

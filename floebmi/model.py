@@ -217,7 +217,8 @@ class Model:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
         if rotation or turns(contact):
             floes.allow_rotation()
-        rng = np.random.Generator(np.random.PCG64(seed))
+        # not the numbers that a pack of the same seed was drawn from: new floes would have its radii
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(0,))))
         self._refuse_strangers()
         for name in own(contact):
             floes.allow_own(name)

@@ -13,6 +13,7 @@ from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.pack import FORCE, MOVING
+from floebmi.packing import scatter
 from floebmi.pairs import Inverse
 from floebmi.sizes import Empirical, PowerLaw, SingleSize, UniformSize
 
@@ -249,6 +250,16 @@ def test_the_same_seed_feeds_the_same_floes_and_another_seed_others():
 
     assert np.array_equal(run(1).x, run(1).x)
     assert len(run(1)) != len(run(2)) or not np.array_equal(run(1).x, run(2).x)
+
+
+def test_new_floes_have_other_sizes_than_a_pack_of_the_same_seed():
+    sizes = UniformSize(2.0, 4.0)
+    floes = scatter(box()._replace(x=(20.0, 100.0)), sizes, count=100, seed=4)
+    feed = Inflow("west", sizes, velocity=(1.0, 0.0))
+    model = Model(box(), floes, contact=frictional(), inflow=feed, seed=4)
+    model.advance(10.0)
+    assert len(floes) > 110
+    assert not np.isin(floes.radius[100:], floes.radius[:100]).any()
 
 
 @pytest.mark.parametrize("sizes, told", [(SingleSize(10.0), 0.74), (PowerLaw(1.0, 10.0), 0.34)])

@@ -123,6 +123,18 @@ def test_the_ice_is_spread_evenly_and_irregularly():
         assert abs(np.mean((nearest / abs(nearest)) ** order)) < 0.06
 
 
+@pytest.mark.parametrize("count", [1, 8])
+@pytest.mark.parametrize("sizes", [SingleSize(10.0), PowerLaw(5.0, 25.0)])
+def test_of_many_seeds_each_part_of_the_domain_gets_its_share_of_few_floes(sizes, count):
+    domain = Domain((0.0, 1e3), (0.0, 1e3), *["periodic"] * 4)
+    packs = [scatter(domain, sizes, count=count, seed=seed) for seed in range(256)]
+    x, y = (np.concatenate([getattr(floes, name) for floes in packs]) for name in "xy")
+    found, _, _ = np.histogram2d(x % 1e3, y % 1e3, 4, ((0, 1e3), (0, 1e3)))
+    expected = 256 * count / 16
+    # χ² of 15 degrees of freedom, 0.1 %; floes that keep away from each other stay below it
+    assert ((found - expected) ** 2 / expected).sum() < 37.7
+
+
 @settings(max_examples=30, deadline=None)
 @given(
     st.integers(0, 60),
