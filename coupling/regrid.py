@@ -48,7 +48,7 @@ from typing import TYPE_CHECKING, Literal, final
 import numpy as np
 
 from floebmi.arrays import digest
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word
 from floebmi.files import attributes_of, check_target, in_one_go, new_file, path_of
 from floebmi.grid import Grid, check_grid
 from floebmi.projection import to_plane
@@ -119,10 +119,7 @@ class Regrid:
         radius: float = EARTH_RADIUS,
         source_area: np.ndarray | None = None,
     ) -> None:
-        if not is_word(surface, ("plane", "sphere")):
-            raise InputError(
-                f"regrid: surface = {surface!r}: {choose(surface, ('plane', 'sphere'))}"
-            )
+        check_word("regrid: surface", surface, ("plane", "sphere"))
         check_grid("source", source)
         check_grid("target", target)
         overlap, drawn_area, target_area = (
@@ -463,10 +460,7 @@ def _check_radius(radius: float) -> None:
 def _by_area(normalisation: Normalisation) -> bool:
     """Whether a state is the mean over the whole target cell, not over its covered part."""
     words = ("fraction", "destination_area")
-    if not is_word(normalisation, words):
-        raise InputError(
-            f"regrid: normalisation = {normalisation!r}: {choose(normalisation, words)}"
-        )
+    check_word("regrid: normalisation", normalisation, words)
     return normalisation == "destination_area"
 
 

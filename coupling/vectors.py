@@ -32,7 +32,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.errors import InputError, check_word, in_line
 from floebmi.grid import Grid, check_grid
 from floebmi.quantities import flat, unmasked
 
@@ -150,8 +150,7 @@ class Staggered:
         from scipy.sparse import csr_array
 
         _structured(grid)
-        if not is_word(where, ("u", "v", "corners")):
-            raise InputError(f"where = {where!r}: {choose(where, ('u', 'v', 'corners'))}")
+        check_word("where", where, ("u", "v", "corners"))
         flags = list(periodic) if isinstance(periodic, tuple | list) else []
         if len(flags) != 2 or not all(isinstance(flag, bool | np.bool_) for flag in flags):
             raise InputError(

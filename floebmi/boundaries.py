@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.dynamics import WALL
-from floebmi.errors import InputError, choose, in_line, is_word
+from floebmi.errors import InputError, check_word, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
 from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number
@@ -151,16 +151,14 @@ def check_domain(domain: Domain) -> None:
     for edge in EDGES:
         word = getattr(domain, edge)
         allowed = ("inactive", "periodic", "closed")
-        if not is_word(word, allowed):
-            raise InputError(f"domain.{edge} = {word!r}: {choose(word, allowed)}")
+        check_word(f"domain.{edge}", word, allowed)
     for one, other in (("west", "east"), ("south", "north")):
         if (getattr(domain, one) == "periodic") != (getattr(domain, other) == "periodic"):
             raise InputError(f"domain.{one} and domain.{other}: both or neither must be 'periodic'")
 
 
 def _check_edge(what: str, edge: str, domain: Domain) -> None:
-    if not is_word(edge, EDGES):
-        raise InputError(f"{what}.edge = {edge!r}: {choose(edge, EDGES)}")
+    check_word(f"{what}.edge", edge, EDGES)
     if getattr(domain, edge) == "periodic":
         raise InputError(f"{what}.edge = {edge!r}: the domain is periodic there; use another edge")
 

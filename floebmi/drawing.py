@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from floebmi.canvas import COAST, INK, LAND, Scale, beside_of
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import InputError, check_word
 from floebmi.reading import View, cell_corners, centres, filled, shores, vectors
 
 if TYPE_CHECKING:
@@ -120,8 +120,7 @@ def draw_graticule(axes: "Axes", view: View) -> list[Any]:
 
 def draw_arrows(axes: "Axes", view: View, arrows: str, k: int) -> list[Any]:
     """Arrows on the grid, at most about 25 across, with a key under the lower right corner."""
-    if not is_word(arrows, ARROWS):
-        raise InputError(f"arrows = {arrows!r}: {choose(arrows, ARROWS)}")
+    check_word("arrows", arrows, ARROWS)
     name, units, word = ARROWS[arrows]
     found = vectors(view, name, k)
     if found is None:

@@ -43,7 +43,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, check_contact, memories, own, prepare, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, choose, in_line, is_word
+from floebmi.errors import InputError, StabilityError, check_word, in_line
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.fluid import Fluid
 from floebmi.forces import (
@@ -322,13 +322,8 @@ class Model:
         check(self.forces)
         check([self.contact])
         check_contact(self.contact)
-        if not is_word(self.sampling, ("overlap", "centre")):
-            raise InputError(
-                f"sampling = {self.sampling!r}: {choose(self.sampling, ('overlap', 'centre'))}"
-            )
-        if not is_word(self.step.scheme, ("verlet", "taylor2", "taylor3")):
-            allowed = choose(self.step.scheme, ("verlet", "taylor2", "taylor3"))
-            raise InputError(f"step.scheme = {self.step.scheme!r}: {allowed}")
+        check_word("sampling", self.sampling, ("overlap", "centre"))
+        check_word("step.scheme", self.step.scheme, ("verlet", "taylor2", "taylor3"))
         if self.step.epsilon is not None and self.step.length is not None:
             raise InputError("step.epsilon and step.length exclude each other; give one")
         check([self.step])

@@ -14,7 +14,7 @@ from floebmi.drawing import (
     draw_walls,
     draw_wind,
 )
-from floebmi.errors import InputError, choose, is_word
+from floebmi.errors import check_word
 from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.reading import View, filled
 
@@ -162,8 +162,7 @@ class FloePicture:
             for name, variable in self._view.data.variables.items()
             if variable.dimensions in (("time", "trajectory"), ("trajectory",))
         ]
-        if not is_word(color, have):
-            raise InputError(f"color = {color!r}: {choose(color, have)}")
+        check_word("color", color, have)
 
     def values(self, k: int) -> np.ndarray:
         if self._color == "speed":

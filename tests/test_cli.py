@@ -307,6 +307,14 @@ def modes_count(monkeypatch):
     )  # fmt: skip
 
 
+def assert_refused_in_a_line(result, bad, name):
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.output
+    file_for_folder = bad is other_kind and name == "paraview"
+    assert (
+        "is a file; give the name of a folder" if file_for_folder else REFUSED[bad]
+    ) in result.stderr
+
+
 @pytest.mark.parametrize("bad", REFUSED)
 @pytest.mark.parametrize(
     "name", ["gridded.nc", "floes.nc", "restart.nc", "two-floes.png", "paraview"]
@@ -321,13 +329,7 @@ def test_a_place_where_no_output_can_be_made_is_refused_before_the_run(
     more = ["output.gridded=true", "output.paraview=true", "grid.shape=[2, 2]"]
     sets = [word for change in more for word in ("--set", change)]
     result = cli(*fast("--force", "--to", folder, *sets))
-    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.output
-    said = (
-        "is a file; give the name of a folder"
-        if bad is other_kind and name == "paraview"
-        else REFUSED[bad]
-    )
-    assert said in result.stderr
+    assert_refused_in_a_line(result, bad, name)
 
 
 @pytest.mark.parametrize("bad", REFUSED)
@@ -366,13 +368,7 @@ def test_such_a_place_is_refused_by_every_command_before_its_work(
         else []
     )
     result = cli(*command.format(ran=ran, place=place).split(), *force)
-    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.output
-    said = (
-        "is a file; give the name of a folder"
-        if bad is other_kind and name == "paraview"
-        else REFUSED[bad]
-    )
-    assert said in result.stderr
+    assert_refused_in_a_line(result, bad, name)
 
 
 def test_a_scene_with_the_longest_name_a_file_can_have_runs_to_its_picture(cli, tmp_path):
