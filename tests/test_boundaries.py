@@ -498,7 +498,8 @@ def test_the_state_of_another_number_of_walls_or_of_an_older_record_is_refused()
 def test_a_restart_takes_places_of_walls_from_the_state_and_loads_and_speeds_from_the_scene():
     def scene(*walls):
         floes = Floes([10.0, 30.0], 50.0, 10.0, 1.0, u=[0.1, 0.0])
-        return Model(box(west="closed"), floes, contact=frictional(restitution=0.5), walls=walls)
+        law = Contact(dashpot=Restitution(0.5))
+        return Model(box(west="closed"), floes, contact=law, walls=walls)
 
     model = scene(Wall("east", 40.0, normal_stress=1e4))
     for _ in range(40):
@@ -543,7 +544,7 @@ def test_a_floe_that_reaches_over_a_wall_is_refused_as_one_on_another_is():
     def scene(x, motion=0, **wall):
         walls = [Wall("west", 20.0, **wall)]
         floes = Floes(x, 50.0, 10.0, 1.0, motion=motion)
-        return Model(box(), floes, contact=frictional(), walls=walls)
+        return Model(box(), floes, contact=Contact(), walls=walls)
 
     assert scene(29.5).floes.x == 29.5
     with pytest.raises(InputError, match="1 floes reach over walls at the start .* floe 0 by 2 m"):
@@ -566,7 +567,7 @@ def test_a_wall_that_passes_the_centre_of_a_floe_stops_the_run(motion):
     if motion:  # a loaded one
         walls = [Wall("west", 30.0, normal_stress=1e9, mass=1e6)]
     model = Model(
-        box(), Floes(50.0, 50.0, 10.0, 1.0, motion=motion), contact=frictional(), walls=walls
+        box(), Floes(50.0, 50.0, 10.0, 1.0, motion=motion), contact=Contact(), walls=walls
     )
     with pytest.raises(StabilityError, match="floe 0: its centre is .* behind the wall in the"):
         for _ in range(100):

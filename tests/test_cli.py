@@ -438,6 +438,7 @@ def test_a_pipe_is_no_scene(tmp_path):
 
 
 STARTED = """
+contact = "frictional"
 [domain]
 x = [0, 200]
 y = [0, 100]
@@ -445,8 +446,6 @@ y = [0, 100]
 arrangement = "list"
 each = [{ x = 50, y = 50, radius = 10 }]
 [ocean]
-[tilt]
-slope = [1e-6, 0]
 [time]
 start = "1980-01-01"
 duration = 60
@@ -504,7 +503,9 @@ def test_without_a_start_the_first_record_is_the_date_of_what_is_written_and_of_
 
 
 def test_at_a_restart_the_tilt_of_the_scene_holds(cli, tmp_path):
-    (tmp_path / "a.toml").write_text(STARTED)
+    laws = "[coriolis]\nparameter = 0\n[tilt]\nslope = [1e-6, 0]\n[body_force]\n"
+    scene = STARTED.replace('contact = "frictional"\n', "").replace("[ocean]\n", laws)
+    (tmp_path / "a.toml").write_text(scene)
     assert cli("run", "a.toml", "--to", "first", "--quiet").exit_code == 0
     on = ["run", "a.toml", "--restart", "first/restart.nc", "--duration", 90, "--quiet"]
     assert cli(*on, "--set", "tilt.slope=[2e-6, 0]").exit_code == 0

@@ -1064,9 +1064,11 @@ def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(oce
 
 FLOES = """
 seed = 5
-[contact]
-model = "frictional"
+[contact.elastic]
 youngs_modulus = 2e6
+[contact.friction]
+[contact.bonds]
+tensile_strength = 10.0
 [domain]
 x = [1e3, 17e3]
 y = [2e3, 11e3]

@@ -274,7 +274,7 @@ def test_the_same_start_gives_the_same_bits():
     assert np.array_equal(runs[0].floes.angle, runs[1].floes.angle)
 
 
-@pytest.mark.parametrize("step", [Step(), PAPER])
+@pytest.mark.parametrize("step", [Step(), pytest.param(PAPER, marks=pytest.mark.long)])
 def test_a_restart_in_mid_contact_gives_the_same_bits(step):
     law = Contact(friction=Coulomb(), bonds=TensileStrength(50e3))
     laws = dict(contact=law, forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)], step=step)

@@ -172,7 +172,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
         ensemble.run(member, {}, SWEEP, (1,), tmp_path, jobs=1)
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_member_that_fails_is_told_in_one_line_and_the_others_go_on(tmp_path, jobs):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -183,7 +183,7 @@ def test_a_member_that_fails_is_told_in_one_line_and_the_others_go_on(tmp_path, 
     assert np.isfinite(data["sum"]).sum() == 3
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_warning_that_is_an_error_fails_its_member_alone(tmp_path, capsys, jobs):
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # as python -W error does
@@ -196,6 +196,7 @@ def test_a_warning_that_is_an_error_fails_its_member_alone(tmp_path, capsys, job
     assert len(again.members) == 4
 
 
+@pytest.mark.long
 def test_what_members_in_processes_warn_of_is_told_once_and_here(tmp_path, capfd):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("default")
@@ -204,6 +205,7 @@ def test_what_members_in_processes_warn_of_is_told_once_and_here(tmp_path, capfd
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.long
 def test_a_process_that_dies_takes_no_other_member_with_it(tmp_path):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -285,6 +287,7 @@ def test_an_interrupt_stops_it_and_what_is_finished_stays(tmp_path):
     assert len(list((tmp_path / "m").glob("*.npz"))) == 2
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="of POSIX")
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_workers_end_with_the_process_that_they_work_for(tmp_path, how):

@@ -138,6 +138,7 @@ def command(folder, *more):
     ]  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "most, said",
     [
@@ -242,6 +243,7 @@ class Waits:
             self.go.wait(PATIENT)
 
 
+@pytest.mark.long
 def test_a_file_that_another_run_is_writing_is_not_replaced_not_even_by_force(tmp_path):
     path, current = tmp_path / "floes.nc", Waits()
     first = threading.Thread(target=run, args=(drifting(), 10.0, current), kwargs=dict(every=1.0, trajectories=path))  # fmt: skip
@@ -339,6 +341,7 @@ def test_an_output_stream_that_takes_nothing_is_named(words):
     assert done.returncode == 2
 
 
+@pytest.mark.long
 @full
 def test_an_error_stream_that_takes_nothing_changes_no_exit_code(tmp_path):
     with open("/dev/full", "w") as disk:
@@ -350,6 +353,7 @@ def test_an_error_stream_that_takes_nothing_changes_no_exit_code(tmp_path):
     assert done.returncode == 0 and "wrote out/floes.nc" in done.stdout.replace(os.sep, "/")
 
 
+@pytest.mark.long
 def test_signs_that_an_output_stream_does_not_have_are_no_reason_to_stop():
     latin = os.environ | {"PYTHONIOENCODING": "latin-1", "PYTHONUTF8": "0"}
     done = with_streams("explain", "two-floes", env=latin, capture_output=True)

@@ -69,7 +69,7 @@ def test_a_floe_in_still_water_slows_down_as_the_exact_solution(contact, duratio
 
 
 def test_free_drift_is_that_of_the_printed_coefficients():
-    model = one(885.6, forces=[OceanDrag(), AirDrag()], domain=ROUND)
+    model = one(885.6, forces=[OceanDrag(), AirDrag(), Coriolis(0.0)], domain=ROUND)
     model.atmosphere.u[:] = 30.0
     model.advance(5 * 86400.0)
     assert model.floes.u[0] == pytest.approx(0.490, abs=5e-4)
@@ -112,7 +112,7 @@ def test_a_floe_takes_the_sub_steps_of_its_own_block():
 
 @pytest.mark.parametrize("wind", [40.0, 5.0])
 def test_a_light_floe_under_a_sudden_wind_never_outruns_its_free_drift(wind):
-    model = one(5.0, 0.05, forces=[OceanDrag(), AirDrag()], domain=ROUND)
+    model = one(5.0, 0.05, forces=[OceanDrag(), AirDrag(), Coriolis(0.0)], domain=ROUND)
     model.atmosphere.u[:] = wind
     ocean, air = OceanDrag(), AirDrag()
     k = [
@@ -275,7 +275,7 @@ def test_the_bound_on_the_speed_takes_wind_and_water_of_one_and_the_same_floe():
 def test_vorticity_spins_a_floe_up_to_half_the_curl_and_no_further():
     grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), spacing=100.0)
     floes = Floes(50.0, 50.0, 100.0, 1.0)
-    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid, rotation=True)
+    model = Model(DOMAIN, floes, frictional(), [OceanDrag()], grid)
     model.ocean.u[:], model.ocean.v[:] = -1e-3 * grid.y, 1e-3 * grid.x
     spins = []
     for _ in range(30):
@@ -285,9 +285,10 @@ def test_vorticity_spins_a_floe_up_to_half_the_curl_and_no_further():
     assert (np.diff(spins) > 0).all() and 0.9e-3 < spins[-1] < 1e-3
 
 
-def test_a_fast_spin_decays_monotonically():
+@pytest.mark.parametrize("contact", [frictional(), pytest.param(None, marks=pytest.mark.long)])
+def test_a_fast_spin_decays_monotonically(contact):
     floes = Floes(0.0, 0.0, 10.0, 1.0, rotation=True, angular_velocity=5.0)
-    model = Model(DOMAIN, floes, forces=[OceanDrag()], contact=None, rotation=True)
+    model = Model(DOMAIN, floes, contact, [OceanDrag()], rotation=True)
     spins = [5.0]
     for _ in range(20):
         model.advance(10.0)
@@ -325,7 +326,7 @@ def test_what_the_floes_gain_is_what_the_fluids_lose_also_on_a_fixed_floe():
 def test_a_floe_over_cells_without_water_is_neither_dragged_nor_slowed_in_its_spin():
     floes = Floes([-500.0, 500.0], 0.0, 100.0, 1.0, u=0.1, rotation=True, angular_velocity=1e-3)
     grid = Grid.uniform((-1e3, 1e3), (-1e3, 1e3), shape=(1, 2), wet=[True, False])
-    model = Model(DOMAIN, floes, forces=[OceanDrag()], grid=grid)
+    model = Model(DOMAIN, floes, frictional(), [OceanDrag()], grid)
     model.advance(600.0)
     assert (floes.u[1], floes.angular_velocity[1]) == (0.1, 1e-3)
     assert floes.u[0] < 0.1 and floes.angular_velocity[0] < 1e-3

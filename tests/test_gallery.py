@@ -21,11 +21,11 @@ LONGEST = 40  # lines
 # and another processor may round otherwise
 QUICK = {
     "two_floes": (0.448, 1e-2),  # °/s
-    "hexagonal_pack": (20.0, 1e-3),  # kPa, the wall's
-    "principal_stress": (20.0, 5e-2),  # kPa, the wall's
     "size_distribution": (-1.8, 3e-2),  # the law's exponent
 }
 LONG = {
+    "hexagonal_pack": (20.0, 1e-3),  # kPa, the wall's
+    "principal_stress": (20.0, 5e-2),  # kPa, the wall's
     "shear": (0.25, 0.15),
     "strait": ({"friction 0.3": 50.0, "bonds of 400 kPa": 0.0}, 0.3),  # Mt
     "labrador_sea": (7.68, 2e-2),  # cm/s

@@ -437,6 +437,7 @@ def test_the_cells_of_the_ice_are_those_of_the_surface_of_veros():
     assert np.argwhere(~cells.wet.reshape(cells.shape)).tolist() == [[2, 2]]  # row, column
 
 
+@pytest.mark.long
 def test_the_ice_reads_of_veros_what_its_forces_need():
     state = made_up_veros()
     vs, ice = state.variables, ice_of(state, [3e3], [8e3], 500.0)
@@ -449,6 +450,7 @@ def test_the_ice_reads_of_veros_what_its_forces_need():
     assert ocean.layer_thickness == 10.0
 
 
+@pytest.mark.long
 def test_what_stirs_the_water_is_of_the_wind_beside_the_ice_and_of_the_ice():
     state = made_up_veros()
     vs, ice = state.variables, ice_of(state, [3e3, 4.5e3], [8e3, 5.5e3], [700.0, 500.0])
@@ -465,6 +467,7 @@ def test_what_stirs_the_water_is_of_the_wind_beside_the_ice_and_of_the_ice():
     assert 0 < a.max() < 1 and of_ice.max() > 0
 
 
+@pytest.mark.long
 def test_the_impulse_of_ice_in_a_cell_without_open_faces_is_told_as_undelivered():
     state = made_up_veros()
     state.variables.maskU[1:3, 2] = state.variables.maskV[2, 1:3] = 0.0  # around the first cell

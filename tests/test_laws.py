@@ -277,6 +277,7 @@ def test_own_values_have_the_laws_mean_and_spread_and_come_from_the_seed():
     assert np.array_equal(draw(1), values) and not np.array_equal(draw(2), values)
 
 
+@pytest.mark.long
 def test_a_pair_is_as_strong_as_its_weaker_floe():
     def breaks_at(*strengths):
         floes = Floes([0.0, 19.999], 0.0, R, 1.0, motion=FIXED)
@@ -303,6 +304,7 @@ def test_floes_are_alike_and_have_no_arrays_unless_a_spread_is_listed():
         floes.friction = 0.2
 
 
+@pytest.mark.long
 def test_added_floes_draw_their_own_values_and_those_of_another_model_are_refused():
     floes = row_of_floes()
     inflow = Inflow("north", SingleSize(R), velocity=(0.0, -1.0))
@@ -324,6 +326,7 @@ def test_added_floes_draw_their_own_values_and_those_of_another_model_are_refuse
 # ---- whole models ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_floe_slides_over_another_until_friction_has_used_up_its_energy():
     floes = Floes([0.0, 20.0], 0.0, R, 1.0, u=[0.0, -0.5], motion=[FIXED, 0])
     law = FLAT._replace(bonds=TensileStrength(0.0, 0.3, Healing(1.0)))

@@ -84,6 +84,7 @@ print(_largest_push(law, np.zeros((1, (WORK + 1) * BLOCK))), sum(_largest_push.s
 """
 
 
+@pytest.mark.long
 def test_a_law_in_a_file_that_was_edited_is_compiled_anew(tmp_path):
     """Kernels on disk were found by the package's sources alone: the law went on as it had been."""
     told = {"FLOEBMI_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}  # fmt: skip

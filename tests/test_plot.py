@@ -60,7 +60,7 @@ def seen(figure, color):
 
 
 def written(folder, domain, floes, **how):
-    model = Model(domain, floes)
+    model = Model(domain, floes, frictional())
     path = folder / "floes.nc"
     with TrajectoryWriter(path, model, contacts=False, overwrite=True, **how) as writer:
         writer.write(model)
@@ -77,16 +77,16 @@ def test_a_floe_is_a_circle_of_its_true_size(tmp_path):
 
 
 def test_a_floe_on_a_periodic_edge_is_seen_on_both_sides(tmp_path):
-    floes = Floes([0.0, 500.0], [0.0, 400.0], [200.0, 100.0], 1.0)
+    floes = Floes([0.0, 500.0], [0.0, 400.0], [170.0, 100.0], 1.0)
     areas = []
     for edge in ("periodic", "inactive"):
         domain = Domain((0.0, 1000.0), (0.0, 800.0), edge, edge, edge, edge)
         path = written(tmp_path, domain, floes.copy())
         figure = draw.frame(path, time=0, color=None)
         areas.append(seen(figure, "white"))
-    both = np.pi * (200**2 + 100**2)
+    both = np.pi * (170**2 + 100**2)
     assert areas[0] == pytest.approx(both, rel=0.05)
-    assert areas[1] == pytest.approx(both - 0.75 * np.pi * 200**2, rel=0.05)
+    assert areas[1] == pytest.approx(both - 0.75 * np.pi * 170**2, rel=0.05)
 
 
 @pytest.mark.parametrize("motion", [7, COAST])
@@ -132,7 +132,10 @@ def test_the_colour_scale_holds_all_frames_unless_limits_are_given(run):
 
 
 def test_the_colour_scale_is_of_the_fastest_whenever_it_is(tmp_path):
-    model, path = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0, u=0.1)), tmp_path / "floes.nc"
+    model, path = (
+        Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0, u=0.1), frictional()),
+        tmp_path / "floes.nc",
+    )
     with TrajectoryWriter(path, model) as writer:
         for model.time, model.floes.u[0] in ((0.0, 0.1), (1.0, 0.7), (2.0, 0.3)):
             writer.write(model)
@@ -155,7 +158,7 @@ def test_a_scale_cuts_off_what_stands_out_and_nothing_else(tmp_path):
     for fastest, end in ((0.12, 0.12), (0.101, 0.101), (9.0, 0.1)):
         floes = Floes(np.arange(1.0, 201.0) * 1e3, 1e3, 400.0, 1.0, u=[fastest, *199 * [0.1]])
         path = tmp_path / f"{fastest}.nc"
-        model = Model(Domain((0, 202e3), (0, 2e3)), floes)
+        model = Model(Domain((0, 202e3), (0, 2e3)), floes, frictional())
         with TrajectoryWriter(path, model) as writer:
             writer.write(model)
         clim = draw.frame(path).axes[0].collections[-1].get_clim()
@@ -213,7 +216,7 @@ def test_title_time_axes_and_size_are_right(run):
 
 def test_a_long_title_does_not_run_into_the_time(tmp_path):
     title = "A very long title that tells everything about the run, its ice and its weather"
-    model = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
+    model = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0), frictional())
     with TrajectoryWriter(
         tmp_path / "a.nc", model, {"title": title}, contacts=False, reference="1979-01-15"
     ) as writer:
@@ -235,7 +238,7 @@ def test_a_long_title_does_not_run_into_the_time(tmp_path):
 def test_elapsed_time_is_shown_where_the_run_has_no_date(tmp_path):
     path = written(tmp_path, DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
     assert draw.frame(path).axes[0].get_title("right") == "t = 60 s"
-    model = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
+    model = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0), frictional())
     for end, told, unit in ((7200.0, "t = 120 min", "min"), (9e4, "t = 25 h", "h"), (864e3, "t = 10 d", "d")):  # fmt: skip
         with TrajectoryWriter(path, model, overwrite=True) as writer:
             for model.time in (0.0, end):
@@ -393,7 +396,7 @@ def test_no_numbers_of_a_graticule_lie_on_each_other_and_it_goes_over_the_date_l
 
 
 def test_the_times_of_a_file_differ_in_its_pictures(tmp_path):
-    path, model = tmp_path / "floes.nc", Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0))
+    path, model = tmp_path / "floes.nc", Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0), frictional())
     year = 365 * 86400.0
     for times, how, told in (
         ((-7200.0, -3600.0), {}, "t = −120 min"),
@@ -490,7 +493,7 @@ def test_the_ledger_shows_gains_accounts_and_a_residual_of_round_off(run):
 
 
 def test_the_powers_of_ten_of_a_ledger_stand_with_its_units(tmp_path):
-    model, path = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0)), tmp_path / "floes.nc"
+    model, path = Model(DOMAIN, Floes(5e3, 5e3, 500.0, 1.0), frictional()), tmp_path / "floes.nc"
     with TrajectoryWriter(path, model) as writer:
         writer.write(model)
         model.floes.add([9e3], 9e3, 500.0, 1.0, u=0.01)

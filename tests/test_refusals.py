@@ -141,7 +141,7 @@ def test_a_model_says_in_one_line_what_is_no_grid_and_no_state(value):
 
 
 def test_a_floe_alone_goes_on_for_as_long_as_one_wants():
-    model = fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0))
+    model = fb.Model(BOX, fb.Floes(500.0, 500.0, 100.0, 1.0), forces=[fb.OceanDrag()])
     model.advance(1e300)
     assert model.time == 1e300
 

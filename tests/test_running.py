@@ -131,7 +131,7 @@ def test_a_run_that_is_told_no_more_has_twenty_frames_and_an_exchange_for_each(t
 def test_round_off_of_the_clock_is_no_exchange(tmp_path):
     """0.3 / 0.1 is less than 3, and 49 × (1 / 49) less than 1: neither leaves an exchange of 1e-17 s."""
     for start, duration, every in ((0.3, 0.2, 0.1), (0.0, 1.0, 1.0 / 49)):
-        model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0))
+        model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0), frictional())
         model.time = start
         run(model, duration, every=every, trajectories=tmp_path / f"{start}.nc")
         with xr.open_dataset(tmp_path / f"{start}.nc", decode_times=False) as data:
@@ -140,7 +140,7 @@ def test_round_off_of_the_clock_is_no_exchange(tmp_path):
 
 
 def test_many_exchanges_do_not_drift_from_the_clock():
-    model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0))
+    model = Model(BOX, Floes(500.0, 500.0, 10.0, 1.0), frictional())
     run(model, 10.0, exchange=0.1, every=1.0)
     assert np.cumsum(np.full(100, 0.1))[-1] != 10.0  # as a clock would that adds up
     assert model.time == 10.0

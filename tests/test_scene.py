@@ -609,6 +609,7 @@ def test_floes_do_not_come_in_over_land(write, west):
     write(json.dumps({"type": "Polygon", "coordinates": [ring]}), "land.geojson")
     path = write(
         """
+contact = "frictional"
 [domain]
 x = [0, 1000]
 y = [0, 1000]

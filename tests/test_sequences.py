@@ -30,6 +30,13 @@ from floebmi import (
 )
 from floebmi.output import load_restart, save_restart
 
+
+def some(kinds):
+    """All, two of them for every run of the suite."""
+    often = ("uniform", "curvilinear")
+    return [one if one in often else pytest.param(one, marks=pytest.mark.long) for one in kinds]
+
+
 SCENE = """
 contact = "frictional"
 
@@ -201,7 +208,7 @@ def books_close(ice, before, after):
         )
 
 
-@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("kind", some(SCENES))
 def test_what_does_not_count_leaves_no_trace_in_the_component(kind, tmp_path):
     rng = np.random.default_rng(list(SCENES).index(kind))
     write_corners(tmp_path)
@@ -322,7 +329,7 @@ def an_advance_that_fails(model, rng):
         model.advance(-1.0)
 
 
-@pytest.mark.parametrize("kind", GRIDS)
+@pytest.mark.parametrize("kind", some(GRIDS))
 def test_what_does_not_count_leaves_no_trace_in_the_model(kind, tmp_path):
     rng = np.random.default_rng(10 + list(GRIDS).index(kind))
     model, calls = a_model(kind), []

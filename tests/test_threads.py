@@ -43,16 +43,19 @@ def pack_of_floes(law, threads=1, walls=False, drag=(), step=Step()):
 
 
 @pytest.mark.parametrize(
-    "law, walls, residual",
-    [(frictional(), True, 1e-3), pytest.param(cohesive(), False, 1e-2, marks=pytest.mark.long)],
+    "law, walls, drag, residual",
+    [
+        (frictional(), True, [], 1e-3),
+        pytest.param(cohesive(), False, [OceanDrag(), AirDrag()], 1e-2, marks=pytest.mark.long),
+    ],
 )
 def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
-    small_chunks, law, walls, residual
+    small_chunks, law, walls, drag, residual
 ):
-    drag = [OceanDrag(), AirDrag()]
     models = [pack_of_floes(law, threads, walls, drag) for threads in (1, 3)]
     for model in models:
-        model.atmosphere.u[:] = 15.0
+        if drag:
+            model.atmosphere.u[:] = 15.0
         for _ in range(3):
             model.advance(2.0)
         assert len(model._now().tiles.chunks) > 3
@@ -184,7 +187,8 @@ def at_work(monkeypatch, call):
 
 def two_floes():
     box = Domain((0.0, 1000.0), (0.0, 1000.0))
-    return Model(box, Floes([300.0, 336.0], [500.0, 508.0], [20.0, 15.0], 1.0, u=[0.5, 0.0]))
+    floes = Floes([300.0, 336.0], [500.0, 508.0], [20.0, 15.0], 1.0, u=[0.5, 0.0])
+    return Model(box, floes, frictional())
 
 
 @pytest.mark.parametrize(
@@ -231,6 +235,7 @@ def test_what_a_second_thread_asks_of_a_component_is_refused_and_the_first_goes_
     (tmp_path / "scene.toml").write_text(
         """
         time.exchange = 30.0
+        contact = "frictional"
         domain = {x = [0.0, 1000.0], y = [0.0, 1000.0]}
         floes = {count = 8, size = {distribution = "single", radius = 100.0}, velocity = [0.5, 0.0]}
         """

@@ -10,7 +10,7 @@ from floebmi.contact import Contact, Elastic
 LAWS = {
     "elastic floes that turn": (Contact(Elastic()), True),
     "cohesive, without walls": (fb.cohesive(), False),
-    "frictional": (fb.frictional(), True),
+    "frictional, with bonds": (fb.frictional()._replace(bonds=fb.TensileStrength(1e3)), True),
 }
 ALONE = "elastic floes that turn"
 
@@ -21,7 +21,7 @@ def run(contact, rotation):
     Laws and edges are such that other tests have machine code for all packs but `ALONE`.
     """
     rng = np.random.default_rng(5)
-    walls = contact.bonds is None
+    walls = rotation
     rim = "closed" if walls else "inactive"
     domain = fb.Domain((0.0, 400.0), (0.0, 400.0), "inactive", "inactive", rim, rim)
     floes = fb.Floes(

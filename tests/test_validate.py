@@ -20,7 +20,16 @@ def missed(measures):
     return [f"{m.what}: {m.value:.4g}, must be {m.mark}" for m in measures if not m.passed]
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOW = {
+    "softened-modulus",
+    "fast-spin",
+    "threads",
+}  # they need machine code that no other test does
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n in SLOW else n for n in CASES]
+)
 def test_the_case_keeps_its_mark(name):
     measures = CASES[name].run()
     assert any(m.relation for m in measures)
