@@ -2,8 +2,9 @@
 A strait jams
 =============
 
-A wind of 30 m/s drives floes from the north into a strait 6 km wide, ``floebmi run strait``. Held together by friction
-alone they flow; with bonds of 400 kPa the ice forms an arch above the strait, and nothing comes through.
+A wind of 30 m/s drives floes from the north into a strait 6 km wide, ``floebmi run strait --set seed=3``. Held together
+by friction alone they flow; with bonds of 400 kPa the ice forms an arch above the strait, and nothing comes through.
+Friction jams by chance, too: of seeds 1 to 8, two end at less than 10 Mt.
 """
 
 from pathlib import Path
@@ -16,7 +17,7 @@ from floebmi import plot
 
 measured, through, bonds = {}, {}, ["contact=cohesive", "contact.tensile_strength=400e3"]
 for name, changes in (("friction 0.3", []), ("bonds of 400 kPa", bonds)):
-    built = fb.read_scene("strait", changes).build()
+    built = fb.read_scene("strait", ["seed=3", *changes]).build()
     with TemporaryDirectory() as folder:
         path = Path(folder, "floes.nc")
         fb.run(
