@@ -6,12 +6,11 @@ domain has its share of ice from the start, and no ice has to travel far. Large 
 first, and smaller ones around them.  *Press* and *swap*, which follow, are in pressing.py.
 """
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.barrier import Barrier
+from floebmi.barrier import Barrier, cell_at
 from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.grid import Grid
@@ -32,7 +31,7 @@ class Ground(NamedTuple):
     group : (n,) the grid cell that holds its centre, 0 without a grid; -1 where no ice may be
     ice : (n,) area of ice wanted there [m²]
     clear : (n,) distance to land [m]; None without land
-    barrier, grid, period : land, the grid of the ice, lengths of the domain's period [m]; None where there is none
+    barrier, grid : land, the grid of the ice; None where there is none
     """
 
     shape: tuple[int, int]
@@ -45,17 +44,13 @@ class Ground(NamedTuple):
     clear: np.ndarray | None
     barrier: Barrier
     grid: Grid | None
-    period: tuple[float | None, float | None]
 
     def group_of(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """The group of any points, -1 where no ice may be."""
-        group = np.zeros(len(x), np.int64) if self.grid is None else self.grid.locate(x, y)
-        # Where a seam is not straight, a place beyond the last cell is in one at the other end.
-        shifts = ((0.0,) if length is None else (0.0, length, -length) for length in self.period)
-        for along, across in itertools.product(*shifts):
-            left = group < 0
-            if self.grid is not None and left.any():
-                group[left] = self.grid.locate(x[left] + along, y[left] + across)
+        if self.grid is None:
+            group = np.zeros(len(x), np.int64)
+        else:
+            group = cell_at(self.grid, x, y, self.barrier.domain)
         return np.where(self.barrier.holds(x, y), -1, group)
 
     def centres(self, k: np.ndarray) -> np.ndarray:
@@ -82,8 +77,7 @@ def ground_of(domain: Domain, barrier: Barrier, n: int, grid: Grid | None = None
     n = len(column)
     origin, no_group = (domain.x[0], domain.y[0]), np.zeros(n, np.int64)
     ground = Ground(
-        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid,
-        domain.period,
+        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid
     )  # fmt: skip
     x, y = ground.centres(np.arange(n)).T.copy()
     clear, blocked = None, barrier.holds(x, y)

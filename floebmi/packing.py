@@ -182,11 +182,7 @@ def from_field(
     rng = _generator(seed)
     fraction = np.where(grid.wet, fraction, 0.0)
     check_images(grid, domain.period)
-    x, y = (
-        (low - (length or 0.0), high + (length or 0.0))
-        for (low, high), length in zip((domain.x, domain.y), domain.period, strict=True)
-    )
-    inside = area_inside(grid, domain._replace(x=x, y=y))  # what is across a seam is inside, too
+    inside = area_inside(grid, domain)
     wanted = float(np.sum(fraction * inside))
     ice = np.minimum(fraction, max_concentration) * inside
     radius = _draw_area(sizes, float(ice.sum()), rng, strict=False)
