@@ -19,6 +19,7 @@ from floebmi.neighbours import find_pairs
 from floebmi.pressing import distances, press, some_free
 
 ROUNDS = 6  # in which floes that found no room are laid elsewhere
+FEW = 0.005  # share of the floes that is left out first, where a pack jams
 CLASS = 4.0  # floes within this ratio of radii are laid together
 EDGES_KEPT = ("closed", "inactive")  # edges that floes are laid inside of
 
@@ -175,15 +176,21 @@ def settle(
 def thin_out(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray, ground: Ground, domain: Domain
 ) -> np.ndarray:
-    """Take floes away, the worst first, and press the others apart, in place; returns which are gone in the end."""
+    """Take floes away, the worst first, and press the others apart, in place; returns which are gone in the end.
+
+    A few at first and more in each turn: in a jammed pack nearly all overlap a little, and a few less give way to the rest.
+    """
     gone = np.zeros(len(x), bool)
+    share = FEW
     while True:
         kept = np.flatnonzero(~gone)
         here = x[kept], y[kept], radius[kept]
         bad = _unplaced(*here, ground.barrier, domain)
         if not bad.any():
             return gone
-        gone[kept[(bad > 0) & (bad >= np.median(bad[bad > 0]))]] = True
+        worst = np.argsort(-bad, kind="stable")[: max(1, int(share * len(kept)))]
+        gone[kept[(bad > 0) & (bad >= max(bad[worst[-1]], np.median(bad[bad > 0])))]] = True
+        share *= 2.0
         kept = np.flatnonzero(~gone)
         here, free = (x[kept], y[kept], radius[kept]), np.ones(len(kept), bool)
         if len(kept):

@@ -138,6 +138,10 @@ def from_field(
     cells get more than their share, and floes there have the thickness of those (labrador-sea:
     cells below 0.7 get a fifth more, denser ones 5 % less, and the volume is 2 % short).
 
+    Shares are by the floes' centres: half a floe may lie in the next cell.  Where the domain has no
+    cells there is open water, into which floes of the outermost cells may reach.  Where a pack jams,
+    as equal floes often do above 0.8, a few floes are left out until the others fit.
+
     Parameters
     ----------
     grid : of the fields; its dry cells are land

@@ -395,6 +395,16 @@ def test_ice_that_finds_no_room_is_left_out_with_a_warning():
     assert len(floes) > 3
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_where_a_pack_jams_few_floes_are_left_out(seed):
+    grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
+    with pytest.warns(IceNotPlaced, match="floes that found no room"):
+        floes = from_field(grid, 0.85, 1.0, SingleSize(200.0), seed=seed)
+    assert largest_overlap(floes, Domain((0.0, 8e3), (0.0, 8e3))) <= 1e-9
+    # equal floes jam at about 0.82, and have less room at edges
+    assert floes.area.sum() > 0.77 * 64e6
+
+
 def test_less_ice_than_half_a_floe_is_left_out_with_a_warning():
     grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
     with pytest.warns(IceNotPlaced, match=r"64 m² \(100.00%\) less than half a floe"):
