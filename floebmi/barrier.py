@@ -1,5 +1,6 @@
 """Land that floes are kept clear of while they are laid out: where it is, and discs that guard its shore."""
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from floebmi.boundaries import Domain
 from floebmi.coast import Coast, land_geometry
 from floebmi.errors import InputError
 from floebmi.grid import Grid, following_nodes
+from floebmi.sampling import check_images
 
 SHORE_STEP = 0.5  # distance of the points that guard a shore, in smallest radii
 
@@ -40,7 +42,7 @@ class Barrier(NamedTuple):
 
             inside |= shapely.contains_xy(self.geometry, x, y)
         if self.grid is not None:
-            cell = self.grid.locate(x, y)
+            cell = cell_at(self.grid, x, y, self.domain)
             inside |= (cell >= 0) & ~self.grid.wet[cell]
         return inside
 
@@ -53,7 +55,7 @@ def barrier_of(
     Raises
     ------
     InputError
-        for rings that are none, or a `land` that is a grid, too.
+        for rings that are none, a `land` that is a grid, too, or one that a period is shorter than.
     """
     area, geometry, segments = 0.0, None, []
     fixed = [np.zeros((0, 3))]
@@ -63,6 +65,7 @@ def barrier_of(
                 "land: the grid's own dry cells are land; give a Coast or rings beside it"
             )
         grid, land = land, None
+        check_images(grid, domain.period)
     if grid is not None and grid.wet.all():
         grid = None
     if isinstance(land, Coast):
@@ -120,10 +123,29 @@ def _dry_edges(grid: Grid) -> np.ndarray:
     return np.stack([grid.node_x[a], grid.node_y[a], grid.node_x[b], grid.node_y[b]], axis=1)
 
 
+def cell_at(grid: Grid, x: np.ndarray, y: np.ndarray, domain: Domain) -> np.ndarray:
+    """The cell that holds each point, or that of its image in a periodic domain; -1 where there is none.
+
+    Where a seam is not straight, a place beyond the last cell is in one at the other end.
+    """
+    cell = grid.locate(x, y)
+    shifts = ((0.0,) if length is None else (0.0, length, -length) for length in domain.period)
+    for along, across in itertools.product(*shifts):
+        left = cell < 0
+        if left.any():
+            cell[left] = grid.locate(x[left] + along, y[left] + across)
+    return cell
+
+
 def area_inside(grid: Grid, domain: Domain) -> np.ndarray:
-    """Area of each cell inside the domain [m²], shape (grid.size,)."""
+    """Area of each cell inside the domain [m²], shape (grid.size,); what is across a seam is inside, too."""
     import shapely
 
+    x, y = (
+        (low - (length or 0.0), high + (length or 0.0))
+        for (low, high), length in zip((domain.x, domain.y), domain.period, strict=True)
+    )
+    domain = domain._replace(x=x, y=y)
     corner_x, corner_y = grid.corner_x, grid.corner_y
     low = np.minimum(corner_x.min(axis=1) - domain.x[0], corner_y.min(axis=1) - domain.y[0])
     high = np.minimum(domain.x[1] - corner_x.max(axis=1), domain.y[1] - corner_y.max(axis=1))

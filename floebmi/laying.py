@@ -6,12 +6,11 @@ domain has its share of ice from the start, and no ice has to travel far. Large 
 first, and smaller ones around them.  *Press* and *swap*, which follow, are in pressing.py.
 """
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.barrier import Barrier
+from floebmi.barrier import Barrier, cell_at
 from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.grid import Grid
@@ -20,6 +19,7 @@ from floebmi.neighbours import find_pairs
 from floebmi.pressing import distances, press, some_free
 
 ROUNDS = 6  # in which floes that found no room are laid elsewhere
+FEW = 0.005  # share of the floes that is left out first, where a pack jams
 CLASS = 4.0  # floes within this ratio of radii are laid together
 EDGES_KEPT = ("closed", "inactive")  # edges that floes are laid inside of
 
@@ -32,7 +32,7 @@ class Ground(NamedTuple):
     group : (n,) the grid cell that holds its centre, 0 without a grid; -1 where no ice may be
     ice : (n,) area of ice wanted there [m²]
     clear : (n,) distance to land [m]; None without land
-    barrier, grid, period : land, the grid of the ice, lengths of the domain's period [m]; None where there is none
+    barrier, grid : land, the grid of the ice; None where there is none
     """
 
     shape: tuple[int, int]
@@ -45,17 +45,13 @@ class Ground(NamedTuple):
     clear: np.ndarray | None
     barrier: Barrier
     grid: Grid | None
-    period: tuple[float | None, float | None]
 
     def group_of(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """The group of any points, -1 where no ice may be."""
-        group = np.zeros(len(x), np.int64) if self.grid is None else self.grid.locate(x, y)
-        # Where a seam is not straight, a place beyond the last cell is in one at the other end.
-        shifts = ((0.0,) if length is None else (0.0, length, -length) for length in self.period)
-        for along, across in itertools.product(*shifts):
-            left = group < 0
-            if self.grid is not None and left.any():
-                group[left] = self.grid.locate(x[left] + along, y[left] + across)
+        if self.grid is None:
+            group = np.zeros(len(x), np.int64)
+        else:
+            group = cell_at(self.grid, x, y, self.barrier.domain)
         return np.where(self.barrier.holds(x, y), -1, group)
 
     def centres(self, k: np.ndarray) -> np.ndarray:
@@ -82,8 +78,7 @@ def ground_of(domain: Domain, barrier: Barrier, n: int, grid: Grid | None = None
     n = len(column)
     origin, no_group = (domain.x[0], domain.y[0]), np.zeros(n, np.int64)
     ground = Ground(
-        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid,
-        domain.period,
+        (ny, nx), origin, step, column, row, no_group, np.zeros(n), None, barrier, grid
     )  # fmt: skip
     x, y = ground.centres(np.arange(n)).T.copy()
     clear, blocked = None, barrier.holds(x, y)
@@ -181,15 +176,21 @@ def settle(
 def thin_out(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray, ground: Ground, domain: Domain
 ) -> np.ndarray:
-    """Take floes away, the worst first, and press the others apart, in place; returns which are gone in the end."""
+    """Take floes away, the worst first, and press the others apart, in place; returns which are gone in the end.
+
+    A few at first and more in each turn: in a jammed pack nearly all overlap a little, and a few less give way to the rest.
+    """
     gone = np.zeros(len(x), bool)
+    share = FEW
     while True:
         kept = np.flatnonzero(~gone)
         here = x[kept], y[kept], radius[kept]
         bad = _unplaced(*here, ground.barrier, domain)
         if not bad.any():
             return gone
-        gone[kept[(bad > 0) & (bad >= np.median(bad[bad > 0]))]] = True
+        worst = np.argsort(-bad, kind="stable")[: max(1, int(share * len(kept)))]
+        gone[kept[(bad > 0) & (bad >= max(bad[worst[-1]], np.median(bad[bad > 0])))]] = True
+        share *= 2.0
         kept = np.flatnonzero(~gone)
         here, free = (x[kept], y[kept], radius[kept]), np.ones(len(kept), bool)
         if len(kept):

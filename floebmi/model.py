@@ -224,6 +224,8 @@ class Model:
             floes.allow_own(name)
         draw_own(floes, contact, rng)
         floes.check()
+        # as every advance leaves them: in the first frame, too, nothing lies beyond a periodic edge
+        floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
         self._make_fluids(atmosphere_grid or self.grid)
         # the floes as they were when nobody had put them onto each other; None where that is not known

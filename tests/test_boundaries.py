@@ -626,3 +626,11 @@ def test_the_blow_of_a_wall_does_its_work_on_floe_and_wall_half_a_step_ahead(axi
     else:
         assert (floe[speed] - was) / 0.25 == pytest.approx(wall.impulse)
     assert floe["vu"[axis]] == 0.0 and taken[1 - axis] == 0.0
+
+
+def test_what_lies_beyond_a_periodic_edge_is_within_from_the_start():
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0), west="periodic", east="periodic")
+    floes = Floes([1050.0, -30.0, 500.0, 1000.0], [200.0, 400.0, 1200.0, 800.0], 20.0, 1.0)
+    model = Model(domain, floes)
+    np.testing.assert_array_equal(model.floes.x, [50.0, 970.0, 500.0, 1000.0])
+    np.testing.assert_array_equal(model.floes.y, [200.0, 400.0, 1200.0, 800.0])

@@ -305,11 +305,16 @@ def test_floes_from_a_field_hold_its_ice_where_it_lies(grid, sizes, error):
     assert abs(total(grid, cells_of(floes, grid) - ice)).max() > 0.4 * 16e6
 
 
-def test_a_seam_that_is_not_straight_leaves_no_ice_out():
+def bent_seams():
+    """A grid that goes round a periodic domain of 12 km, its seams not straight; cells reach beyond the edges."""
     x, y = np.meshgrid(np.linspace(0, 12e3, 13), np.linspace(0, 12e3, 13))
     turn = 2 * np.pi / 12e3
     grid = Grid.curvilinear(x + 900 * np.sin(turn * y), y + 600 * np.sin(turn * x))
-    domain = Domain((0, 12e3), (0, 12e3), **PERIODIC)
+    return grid, Domain((0, 12e3), (0, 12e3), **PERIODIC)
+
+
+def test_a_seam_that_is_not_straight_leaves_no_ice_out():
+    grid, domain = bent_seams()
     floes = from_field(grid, np.full(grid.size, 0.4), 1.0, UniformSize(40.0, 80.0), domain, seed=3)
     assert floes.area.sum() == pytest.approx(0.4 * 144e6, rel=0.002)
     cover = coverage(grid, floes.x, floes.y, floes.radius, domain.period)
@@ -318,6 +323,21 @@ def test_a_seam_that_is_not_straight_leaves_no_ice_out():
     # a domain of half the grid has no seam that the grid could meet
     with pytest.raises(InputError, match="is shorter than the grid"):
         from_field(grid, 0.4, 1.0, UniformSize(40.0, 80.0), domain._replace(x=(0, 6e3)))
+
+
+def test_dry_cells_beyond_a_seam_that_is_not_straight_are_land_on_the_other_side():
+    grid, domain = bent_seams()
+    row, column = np.divmod(np.arange(grid.size), 12)
+    grid = grid.with_wet((row != 0) & (column != 11))
+    water = grid.area[grid.wet].sum()
+    sizes = UniformSize(60.0, 120.0)
+    scattered = scatter(domain, sizes, concentration=0.7, seed=1, land=grid)
+    assert scattered.area.sum() == pytest.approx(0.7 * water, rel=0.005)
+    for floes in (from_field(grid, 0.8, 1.0, sizes, domain, seed=1), scattered):
+        cover = coverage(grid, floes.x, floes.y, floes.radius, domain.period)
+        assert cover.area[~grid.wet[cover.cell]].sum() < 1.0  # m² of 96 km²
+    with pytest.raises(InputError, match="is shorter than the grid"):
+        scatter(domain._replace(x=(0, 6e3)), sizes, count=9, land=grid)
 
 
 def test_each_cell_gets_its_ice_within_about_half_a_floe():
@@ -373,6 +393,16 @@ def test_ice_that_finds_no_room_is_left_out_with_a_warning():
     assert largest_overlap(floes, domain) <= 1e-9
     assert cells_of(floes, grid)[~grid.wet].sum() == 0.0
     assert len(floes) > 3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_where_a_pack_jams_few_floes_are_left_out(seed):
+    grid = Grid.uniform((0.0, 8e3), (0.0, 8e3), shape=(8, 8))
+    with pytest.warns(IceNotPlaced, match="floes that found no room"):
+        floes = from_field(grid, 0.85, 1.0, SingleSize(200.0), seed=seed)
+    assert largest_overlap(floes, Domain((0.0, 8e3), (0.0, 8e3))) <= 1e-9
+    # equal floes jam at about 0.82, and have less room at edges
+    assert floes.area.sum() > 0.77 * 64e6
 
 
 def test_less_ice_than_half_a_floe_is_left_out_with_a_warning():

@@ -603,6 +603,45 @@ radius = 60
     assert wet[0].tolist() == [False] * 2 + [True] * 8
 
 
+def test_land_goes_on_across_a_seam_that_is_not_straight(write):
+    xr = pytest.importorskip("xarray")
+    x, y = np.arange(-295.0, 1300, 10), np.arange(5.0, 1000, 10)
+    land = np.tile(
+        (x % 1000 < 200.0) * 1.0, (len(y), 1)
+    )  # a bar from the seam on, water west of it
+    data = xr.Dataset({"land": (("y", "x"), land)}, {"x": ("x", x), "y": ("y", y)})
+    data.land.attrs = {"standard_name": "land_area_fraction", "units": "1"}
+    for name in "xy":
+        data[name].attrs = {"standard_name": f"projection_{name}_coordinate", "units": "m"}
+    corner_x, corner_y = np.meshgrid(np.linspace(0, 1000, 21), np.linspace(0, 1000, 21))
+    corner_x = corner_x + 150 * np.sin(np.pi * corner_y / 500)
+    path = write(
+        """
+contact = "frictional"
+[domain]
+x = [0, 1000]
+y = [0, 1000]
+edges = "periodic"
+[grid]
+kind = "curvilinear"
+file = "cells.nc"
+[coast]
+file = "land.nc"
+radius = 20
+"""
+    )
+    data.to_netcdf(path.parent / "land.nc")
+    corners = {"x_corners": (("y", "x"), corner_x), "y_corners": (("y", "x"), corner_y)}
+    xr.Dataset(corners).to_netcdf(path.parent / "cells.nc")
+    model = read_scene(path).build().model
+    along = model.grid.x % 1000.0
+    assert not model.grid.wet[(along > 30) & (along < 170)].any()
+    assert model.grid.wet[(along > 230) & (along < 970)].all()
+    for shore in (0.0, 200.0):  # each is lined all along
+        off = np.abs((model.floes.x - shore + 500) % 1000 - 500)
+        assert np.diff(np.sort(model.floes.y[off < 60])).max() < 60
+
+
 @pytest.mark.parametrize("west", [-100, 0])  # beyond the edge, and up to it
 def test_floes_do_not_come_in_over_land(write, west):
     ring = [[west, 300], [400, 300], [400, 700], [west, 700], [west, 300]]
