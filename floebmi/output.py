@@ -20,7 +20,7 @@ import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -379,10 +379,20 @@ def _global_attributes(
     for name, value in (given or {}).items():
         if name in ("Conventions", "featureType", "floebmi_file"):
             raise InputError(f"attribute {name!r}: is set by the writer; leave it out")
-        if not isinstance(value, str | int | float | np.number):
-            raise InputError(f"attribute {name!r} = {value!r}: must be a text or a number")
+        _check_attribute(name, value)
         made[name] = value
     return made
+
+
+def _check_attribute(name: object, value: object) -> None:
+    """InputError for what no attribute of a NetCDF file can be."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(
+        value, bool
+    )
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        number = False
+    if not isinstance(name, str) or not (number or isinstance(value, str)):
+        raise InputError(f"attribute {name!r} = {in_line(value)}: must be a text or a number")
 
 
 def _grid_of(model: "Model", row: Variable) -> "Grid":
@@ -412,7 +422,7 @@ def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
 
 def _several(name: str, words: Sequence[str]) -> list[str]:
     """Words that were given as a list; InputError for one alone, whose letters would be taken for words, and all else."""
-    if isinstance(words, str | bytes) or np.ndim(words) == 0 and not isinstance(words, Iterable):
+    if isinstance(words, str | bytes) or not np.iterable(words):
         raise InputError(f"{name} = {in_line(words)}: must be a list of names")
     return list(words)
 
@@ -547,6 +557,8 @@ def save_restart(
         raise InputError("state = None: must be a dict")
     check_table("state", state)
     check_table("attributes", attributes)
+    for name, value in (attributes or {}).items():
+        _check_attribute(name, value)
     check_target(path, overwrite=True)
     entries = entries_of(state)
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
