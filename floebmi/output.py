@@ -533,7 +533,10 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
 
 
 def save_restart(
-    path: str | Path, state: Mapping[str, Any], attributes: Mapping[str, Any] | None = None
+    path: str | Path,
+    state: Mapping[str, Any],
+    attributes: Mapping[str, Any] | None = None,
+    overwrite: bool = True,
 ) -> None:
     """Save a state so that `load_restart` gives back the same bits.
 
@@ -546,11 +549,12 @@ def save_restart(
     state : arrays of numbers, bools or texts of any shape, texts, bytes, numbers, bools, None, and
         mappings of such
     attributes : texts and numbers that describe the state, for people
+    overwrite : whether an older file of that name may be replaced
 
     Raises
     ------
     InputError
-        for a value of another kind, or a missing folder.
+        for a value of another kind, a missing folder, or a file that may not be replaced.
     """
     path = path_of("path", path)
     if state is None:
@@ -559,10 +563,11 @@ def save_restart(
     check_table("attributes", attributes)
     for name, value in (attributes or {}).items():
         _check_attribute(name, value)
-    check_target(path, overwrite=True)
+    check_flag("overwrite", overwrite)
+    check_target(path, overwrite)
     entries = entries_of(state)
     told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
-    with disk_full_told(path), in_one_go(path, overwrite=True) as part:
+    with disk_full_told(path), in_one_go(path, overwrite) as part:
         with new_file(part) as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)
