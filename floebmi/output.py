@@ -562,11 +562,15 @@ def save_restart(
     check_table("state", state)
     check_table("attributes", attributes)
     for name, value in (attributes or {}).items():
+        if name in ("floebmi_restart", "checksum"):
+            raise InputError(f"attribute {name!r}: is set by save_restart; leave it out")
         _check_attribute(name, value)
     check_flag("overwrite", overwrite)
     check_target(path, overwrite)
     entries = entries_of(state)
-    told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
+    made = attributes_of("State of sea-ice floes, to go on from")
+    del made["Conventions"]  # CF is about fields and trajectories
+    told = {**made, "floebmi_version": floebmi.__version__, **(attributes or {})}
     with disk_full_told(path), in_one_go(path, overwrite) as part:
         with new_file(part) as data:
             data.setncatts(told)
