@@ -300,8 +300,7 @@ class Coupling:
 
     def _prepare(self, until: float) -> tuple[int, float]:
         """How many exchanges there are to come, and from when [s]; host and floes then stand together."""
-        if not is_number(until):
-            raise InputError(f"couple: until = {until!r} s: must be a finite number")
+        _check_time(until)
         start = self.floes.time()
         count = round((until - start) / self.every)
         if count < 0 or not same_time(start + count * self.every, until, self.every):
@@ -320,6 +319,7 @@ class Coupling:
 
     def exchange(self, until: float) -> Exchange:
         """One exchange, to a time of the floes' clock [s]; CouplingError, in one line, if anything fails in it."""
+        _check_time(until)
         begin, number = "", len(self.ledger) + 1
         try:
             now = self.floes.time()
@@ -486,6 +486,11 @@ class Coupling:
         lines += [f"├─ {regrid!r}" for regrid in self._regrids.values()]
         lines.append(f"└─ nobody fills: {', '.join(self.unmatched) or 'nothing'}")
         return "\n".join(lines)
+
+
+def _check_time(until: float) -> None:
+    if not is_number(until):
+        raise InputError(f"couple: until = {in_line(until)} s: must be a finite number")
 
 
 def _check_kind(name: str, given: Mapping[Any, Any] | None, kind: type) -> None:

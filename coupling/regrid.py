@@ -379,6 +379,7 @@ class Regrid:
 
 def checksum(grid: Grid) -> str:
     """SHA-256 over the corners of all cells and over the mask: equal grids, equal text."""
+    check_grid("grid", grid)
     return digest(np.array(grid.shape), grid.corner_x, grid.corner_y, grid.wet)
 
 

@@ -97,6 +97,12 @@ sphinx_gallery_conf = {
 }
 
 
+def to_gallery(app, page, source):
+    """A link to the scripts of the gallery, which a viewer of files shows, leads to their pages on the site."""
+    here = "../" * page.count("/")
+    source[0] = source[0].replace(f"]({here}../examples/gallery)", f"]({here}gallery/index.rst)")
+
+
 # ---- pages that are made from the package -----------------------------------------------------
 
 
@@ -239,3 +245,4 @@ def _formulas(lines):
 
 def setup(app):
     app.connect("autodoc-process-docstring", sections)
+    app.connect("source-read", to_gallery)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from floebmi.boundaries import Domain
 from floebmi.coast import Coast, land_geometry
 from floebmi.errors import InputError
+from floebmi.floes import check_floes
 from floebmi.grid import Grid, following_nodes
 from floebmi.sampling import check_images
 
@@ -70,6 +71,7 @@ def barrier_of(
         grid = None
     if isinstance(land, Coast):
         floes = land.floes
+        check_floes(floes)
         fixed.append(np.stack([floes.x, floes.y, floes.radius], axis=1))
     if land is not None:
         import shapely

@@ -10,7 +10,7 @@ from floebmi.dynamics import WALL
 from floebmi.errors import InputError, check_word, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
 from floebmi.kernels import jit
-from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number
+from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number, unmasked
 from floebmi.sizes import Sizes, check_sizes
 
 Edge = Literal["inactive", "periodic", "closed"]
@@ -66,7 +66,7 @@ class Domain(NamedTuple):
         """Places [m], those beyond periodic edges at their images in the domain."""
         found = []
         for values, (low, high), length in zip((x, y), (self.x, self.y), self.period, strict=True):
-            values = np.asarray(values, float)
+            values = unmasked(values)
             if length is not None:
                 out = (values < low) | (values > high)
                 values = np.where(out, low + np.mod(values - low, length), values)
@@ -75,6 +75,7 @@ class Domain(NamedTuple):
 
     def position(self, edge: str) -> float:
         """Coordinate of an edge [m]."""
+        check_word("edge", edge, EDGES)
         return float((self.x, self.y)[_AXIS[edge]][0 if _SIDE[edge] > 0 else 1])
 
 
@@ -138,7 +139,8 @@ def check_domain(domain: Domain) -> None:
         raise InputError(f"domain = {domain!r}: must be a Domain")
     for name in ("x", "y"):
         pair = getattr(domain, name)
-        two = isinstance(pair, Sequence | np.ndarray) and np.iterable(pair) and len(pair) == 2
+        row = isinstance(pair, Sequence | np.ndarray) and not isinstance(pair, bytes)
+        two = row and np.iterable(pair) and len(pair) == 2
         if not two or not all(map(is_number, pair)):
             raise InputError(
                 f"domain.{name} = {in_line(pair)}: must be two numbers (low, high) [m]"

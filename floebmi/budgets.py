@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 
 QUANTITIES = ("mass", "momentum_x", "momentum_y", "energy")
 UNITS = ("kg", "N s", "N s", "J")
@@ -80,7 +80,7 @@ class Ledger:
         InputError
             for another word.
         """
-        if quantity not in QUANTITIES:
+        if not is_word(quantity, QUANTITIES):
             raise InputError(f"balance of {quantity!r}: {choose(quantity, QUANTITIES)}")
         q = QUANTITIES.index(quantity)
         gained = sum(row[q] for row in self.accounts.values())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from floebmi.errors import InputError, in_line
+from floebmi.errors import InputError, check_text
 from floebmi.files import check_kind, in_one_go, path_of
 from floebmi.quantities import is_number, two_numbers
 from floebmi.reading import View
@@ -300,8 +300,7 @@ def _height_of(label: str) -> float:
 
 def _lines(text: str, letters: int) -> list[str]:
     """Text in as few lines as have room for so many letters, about equally long."""
-    if not isinstance(text, str):
-        raise InputError(f"title = {in_line(text)}: must be a text")
+    check_text("title", text)
     lines = textwrap.wrap(text, letters) or [""]
     narrow = (textwrap.wrap(text, n) for n in range(1 + len(text) // len(lines), letters))
     return next((found for found in narrow if len(found) == len(lines)), lines)

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, in_line
 from floebmi.files import path_of
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
-from floebmi.quantities import FARTHEST, check_length, unmasked
+from floebmi.quantities import FARTHEST, check_length, is_number, unmasked
 
 if TYPE_CHECKING:
     import shapely
@@ -97,10 +97,17 @@ def from_land_fraction(
         raise InputError(
             f"land fraction[{row}, {column}] = {fraction[row, column]}; must be between 0 and 1"
         )
-    if not 0 < threshold < 1:
-        raise InputError(f"threshold = {threshold}; must be between 0 and 1")
+    if not (is_number(threshold) and 0 < threshold < 1):
+        raise InputError(f"threshold = {in_line(threshold)}; must be between 0 and 1")
+    if not (isinstance(period, tuple | list) and len(period) == 2):
+        raise InputError(f"period = {in_line(period)}: must be two lengths, or None for none")
+    for length in period:
+        if length is not None:
+            check_length("period", length)
     _check_size(radius, thickness)
     centres = np.stack(_centres(x, y, fraction.shape), axis=-1)
+    if any((np.diff(centres, axis=axis) == 0).all(axis=-1).any() for axis in (0, 1)):
+        raise InputError("x, y: neighbouring cells have the same centre; must be apart")
     rim = _outline(_extended(centres, 0.0))
     x, y = np.moveaxis(_extended(centres, 4.0 * radius, period), -1, 0)
     for axis, length in enumerate(reversed(period)):

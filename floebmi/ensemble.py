@@ -33,7 +33,7 @@ from floebmi import __version__
 from floebmi.errors import InputError, in_line
 from floebmi.files import attributes_of, check_new_folder, check_target, in_one_go, path_of
 from floebmi.meter import meter, say
-from floebmi.quantities import check_table
+from floebmi.quantities import check_flag, check_table
 
 if TYPE_CHECKING:
     import distributed
@@ -124,6 +124,7 @@ def run(
         )
     if jobs is not None and not (isinstance(jobs, Integral) and jobs >= 1):
         raise InputError(f"jobs = {jobs!r}: must be a whole number, at least 1")
+    check_flag("progress", progress)
     for name, values in {**sweep, "seeds": seeds}.items():
         if name == "seed" or isinstance(values, str) or not np.iterable(values):
             raise InputError(
@@ -198,8 +199,17 @@ def gather(
 
     if not isinstance(done, Ensemble):
         raise InputError(f"done = {in_line(done)}: must be what `run` returns")
-    for name, table in (("outputs", outputs), ("coordinates", coordinates), ("units", units)):
+    for name, table, parts in (
+        ("outputs", outputs, Output._fields),
+        ("coordinates", coordinates, Output._fields),
+        ("units", units, ("units", "long_name")),
+    ):
         check_table(name, table)
+        for key, row in (table or {}).items():
+            if not (isinstance(row, tuple) and len(row) == len(parts)):
+                raise InputError(f"{name}[{key!r}] = {in_line(row)}: must be ({', '.join(parts)})")
+    if outputs is None:
+        raise InputError("outputs = None: must be a dict")
     if not done.members:
         first = f": {done.failures[0]}" if done.failures else ""
         raise InputError(f"ensemble: no member has finished{first}")
@@ -241,6 +251,10 @@ def gather(
 
 def save(data: "xr.Dataset", path: str | Path) -> None:
     """Write a data set as NetCDF, whole or not at all; what it is of (`title`) and when it was made stand in the file."""
+    import xarray as xr
+
+    if not isinstance(data, xr.Dataset):
+        raise InputError(f"data = {in_line(data)}: must be what `gather` returns")
     data = data.assign_attrs(attributes_of("an ensemble of runs") | data.attrs)
     # CF has no missing values in coordinates; xarray would declare one for each of floats
     path = path_of("path", path)

@@ -77,7 +77,10 @@ def _packed(path: str, value: Any) -> Entry:
         return "int", _as_bytes(str(value))
     if isinstance(value, float):
         return "float", np.array(value)
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of unlike lengths
+        raise InputError(f"restart: {path}: cannot be saved ({error})") from None
     if array.dtype.kind == "U":
         told = {"shape": array.shape, "dtype": array.dtype.str, "texts": array.ravel().tolist()}
         return "texts", _as_bytes(json.dumps(told))

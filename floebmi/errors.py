@@ -36,6 +36,12 @@ def check_word(name: str, value: object, allowed: Collection[str]) -> None:
         raise InputError(f"{name} = {value!r}: {choose(value, allowed)}")
 
 
+def check_text(name: str, value: object) -> None:
+    """InputError for what is neither a text nor None."""
+    if not isinstance(value, str | None):
+        raise InputError(f"{name} = {in_line(value)}: must be a text")
+
+
 def choose(word: object, allowed: Iterable[str]) -> str:
     """The end of an error message: the allowed words, and the nearest one if one is near.
 

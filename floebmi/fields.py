@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from floebmi.classic import length_by_header
-from floebmi.errors import InputError, choose, in_line
+from floebmi.errors import InputError, check_text, choose, in_line
 from floebmi.files import path_of
 
 if TYPE_CHECKING:
@@ -343,6 +343,7 @@ def holds(files: list[File], wanted: Wanted) -> bool:
 
 
 def _named(files: list[File], name: str, where: str, option: str) -> tuple[File, str]:
+    check_text(option, name)
     holding = _holding(files, name)
     if not holding:
         names = {str(n) for f in files for n in f.data.data_vars}

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.arrays import all_finite, same_bits
-from floebmi.errors import InputError, in_line
-from floebmi.quantities import FARTHEST, check_flag, unmasked
+from floebmi.errors import InputError, check_word, in_line
+from floebmi.quantities import FARTHEST, check_flag, is_number, unmasked
 
 FIXED_X = 1  # along x the floe keeps its prescribed velocity
 FIXED_Y = 2
@@ -196,6 +196,8 @@ class Floes:
 
     def mass(self, density: float) -> np.ndarray:
         """ρ π r² h [kg], shape (n,), for ice of the given density [kg/m³]."""
+        if not (is_number(density) and density > 0):
+            raise InputError(f"density = {in_line(density)}: must be greater than 0 kg/m³")
         return density * self.volume
 
     def moment_of_inertia(self, density: float) -> np.ndarray:
@@ -254,6 +256,7 @@ class Floes:
 
     def allow_own(self, name: str) -> None:
         """Give each floe its own "friction" or "tensile_strength", NaN if it has none yet."""
+        check_word("name", name, _OWN_TYPES)
         capacity = len(self._columns["x"])
         self._columns.setdefault(name, np.full(capacity, np.nan, _OWN_TYPES[name]))
 
@@ -277,6 +280,7 @@ class Floes:
         """
         if other is self:
             return True
+        _check_kind(other)
         n, mine, others = self._n, self._columns, other._columns
         return (
             n == other._n
@@ -300,6 +304,7 @@ class Floes:
 
     def go_back(self, earlier: "Floes") -> None:
         """Become an earlier copy of these, or floes of a restart; in the same arrays, where they have room."""
+        _check_kind(earlier)
         self._columns = {name: self._columns[name] for name in earlier._columns}
         self._reserve(len(earlier))
         self._n = len(earlier)
@@ -318,6 +323,8 @@ class Floes:
         InputError
             for what are no floes, such as a `Coast` in place of its `floes`.
         """
+        if not np.iterable(groups):
+            raise InputError(f"groups = {in_line(groups)}: must be a list of Floes")
         groups = list(groups)
         for group in groups:
             check_floes(group)
@@ -347,9 +354,13 @@ class Floes:
 
 def check_floes(floes: object) -> None:
     """InputError for what are no floes, and for values that no floe may have, such as an edit can leave behind."""
-    if not isinstance(floes, Floes):
-        raise InputError(f"floes = {floes!r}: must be of the kind Floes")
+    _check_kind(floes)
     floes.check()
+
+
+def _check_kind(floes: object) -> None:
+    if not isinstance(floes, Floes):
+        raise InputError(f"floes = {in_line(floes)}: must be of the kind Floes")
 
 
 def _numbers(name: str, value: ArrayLike) -> np.ndarray:

@@ -22,7 +22,7 @@ from scipy import sparse
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
-from floebmi.errors import InputError, check_word
+from floebmi.errors import InputError, check_text, check_word, in_line
 from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
@@ -257,8 +257,10 @@ class VelocityFile:
         check_word("kind", kind, get_args(Kind))
         check_word("vectors", vectors, get_args(Vectors))
         check_word("stagger", stagger, get_args(Stagger))
-        if variables is not None and (isinstance(variables, str) or len(variables) != 2):
-            raise InputError(f"variables = {variables!r}: must be two names, of u and of v")
+        check_text("units", units)
+        two = isinstance(variables, tuple | list) and len(variables) == 2
+        if variables is not None and not two:
+            raise InputError(f"variables = {in_line(variables)}: must be two names, of u and of v")
         check_grid("grid", grid)
         self.grid = grid
         files = open_files(path)

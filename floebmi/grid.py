@@ -187,9 +187,7 @@ class Grid:
         west, east = _interval("x", x)
         south, north = _interval("y", y)
         if (spacing is None) == (shape is None):
-            raise InputError(
-                f"grid: spacing = {spacing}, shape = {shape}: give one of them, not both"
-            )
+            raise InputError("give either spacing or shape")
         if shape is not None:
             ny, nx = _counts(shape)
         else:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, check_text, choose
 from floebmi.fields import Box, File, is_percent, refuse_other_points, with_same_points
 
 _STANDARD = {
@@ -85,6 +85,7 @@ def choose_mask(
     InputError
         if no variable of that name lies along `dims`.
     """
+    check_text("mask", mask)
     if mask == "none" or not dims or (mask == "auto" and not auto):
         return None
     names = None if mask == "auto" else (mask,)

@@ -83,6 +83,7 @@ from floebmi.pairs import PairList
 from floebmi.quantities import (
     check,
     check_flag,
+    check_table,
     is_number,
     words,
 )
@@ -296,6 +297,8 @@ class Model:
             raise AttributeError(
                 f"model.{name}: cannot be set; build another model, or edit the arrays of this one"
             )
+        if name == "time" and not is_number(value):
+            raise InputError(f"model.time = {in_line(value)}: must be a finite number [s]")
         super().__setattr__(name, value)
 
     # ---- checks ------------------------------------------------------------------------------------
@@ -705,6 +708,10 @@ class Model:
         InputError
             before the first step.
         """
+        if not (isinstance(steps, Integral) and steps >= 1):
+            raise InputError(f"steps = {in_line(steps)}: must be a whole number, at least 1")
+        if without is not None:
+            check_word("without", without, ("contacts", "forces"))
         if not self.counters.steps:
             raise InputError("seconds_per_step: no step was taken yet; advance the model first")
         with alone(self, "seconds_per_step"):
@@ -776,6 +783,7 @@ class Model:
 
         out : arrays to write into, by name, where no other field is wanted; default: new ones of all
         """
+        self._check_out(out)
         f, contacts = self.floes, self.contacts()
         partners = np.bincount(np.concatenate([contacts.i, contacts.j]), minlength=len(f))
         return cell_fields(
@@ -785,6 +793,7 @@ class Model:
 
     def internal_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
         """Those of `fields` that come from contact forces; `out` as for `ice_fields`."""
+        self._check_out(out)
         f, now, contacts = self.floes, self._now(), self.contacts()
         stress = internal_stress(
             self.grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy,
@@ -811,6 +820,7 @@ class Model:
 
     def fluid_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
         """Those of `fields` between ice and fluids, ice on ocean, air on ice; `out` as for `ice_fields`."""
+        self._check_out(out)
         over = 1.0 / self._last_duration if self._last_duration else 0.0
         fields: dict[str, np.ndarray] = {}
 
@@ -845,6 +855,18 @@ class Model:
                 product("ocean_stress_magnitude", self.ocean.magnitude, over)
                 product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
         return fields
+
+    def _check_out(self, out: Out) -> None:
+        """InputError for arrays that fields cannot be written into: a kernel would write beyond the end of a short one."""
+        check_table("out", out)
+        for name, array in (out or {}).items():
+            fluid = self.atmosphere if str(name).startswith("air_") else None
+            size = (fluid or self).grid.size
+            fits = isinstance(array, np.ndarray) and array.dtype == np.float64
+            if not (fits and array.shape == (size,)):
+                raise InputError(
+                    f"out[{name!r}] = {in_line(array)}: must be an array of {size} float64, one a cell"
+                )
 
     def over_ice_area(self) -> np.ndarray:
         """One over the area of ice in each cell now [m-2], 0 where there is none: (grid.size,)."""
@@ -1095,6 +1117,9 @@ class Model:
 
     def bulk_range(self, drag: OceanDrag | AirDrag) -> tuple[float, float]:
         """Smallest and largest equivalent drag coefficient of the floes' area [1] (eq. ocean-drag)."""
+        if not isinstance(drag, OceanDrag | AirDrag):
+            raise InputError(f"drag = {in_line(drag)}: must be an OceanDrag or an AirDrag")
+        check([drag])
         f = self.floes
         ice = f.active & ~f.land
         if not ice.any():

@@ -20,7 +20,7 @@ import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -379,10 +379,20 @@ def _global_attributes(
     for name, value in (given or {}).items():
         if name in ("Conventions", "featureType", "floebmi_file"):
             raise InputError(f"attribute {name!r}: is set by the writer; leave it out")
-        if not isinstance(value, str | int | float | np.number):
-            raise InputError(f"attribute {name!r} = {value!r}: must be a text or a number")
+        _check_attribute(name, value)
         made[name] = value
     return made
+
+
+def _check_attribute(name: object, value: object) -> None:
+    """InputError for what no attribute of a NetCDF file can be."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(
+        value, bool
+    )
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        number = False
+    if not isinstance(name, str) or not (number or isinstance(value, str)):
+        raise InputError(f"attribute {name!r} = {in_line(value)}: must be a text or a number")
 
 
 def _grid_of(model: "Model", row: Variable) -> "Grid":
@@ -412,7 +422,7 @@ def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
 
 def _several(name: str, words: Sequence[str]) -> list[str]:
     """Words that were given as a list; InputError for one alone, whose letters would be taken for words, and all else."""
-    if isinstance(words, str | bytes) or np.ndim(words) == 0 and not isinstance(words, Iterable):
+    if isinstance(words, str | bytes) or not np.iterable(words):
         raise InputError(f"{name} = {in_line(words)}: must be a list of names")
     return list(words)
 
@@ -523,7 +533,10 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
 
 
 def save_restart(
-    path: str | Path, state: Mapping[str, Any], attributes: Mapping[str, Any] | None = None
+    path: str | Path,
+    state: Mapping[str, Any],
+    attributes: Mapping[str, Any] | None = None,
+    overwrite: bool = True,
 ) -> None:
     """Save a state so that `load_restart` gives back the same bits.
 
@@ -536,21 +549,29 @@ def save_restart(
     state : arrays of numbers, bools or texts of any shape, texts, bytes, numbers, bools, None, and
         mappings of such
     attributes : texts and numbers that describe the state, for people
+    overwrite : whether an older file of that name may be replaced
 
     Raises
     ------
     InputError
-        for a value of another kind, or a missing folder.
+        for a value of another kind, a missing folder, or a file that may not be replaced.
     """
     path = path_of("path", path)
     if state is None:
         raise InputError("state = None: must be a dict")
     check_table("state", state)
     check_table("attributes", attributes)
-    check_target(path, overwrite=True)
+    for name, value in (attributes or {}).items():
+        if name in ("floebmi_restart", "checksum"):
+            raise InputError(f"attribute {name!r}: is set by save_restart; leave it out")
+        _check_attribute(name, value)
+    check_flag("overwrite", overwrite)
+    check_target(path, overwrite)
     entries = entries_of(state)
-    told = {"floebmi_version": floebmi.__version__, **(attributes or {})}
-    with disk_full_told(path), in_one_go(path, overwrite=True) as part:
+    made = attributes_of("State of sea-ice floes, to go on from")
+    del made["Conventions"]  # CF is about fields and trajectories
+    told = {**made, "floebmi_version": floebmi.__version__, **(attributes or {})}
+    with disk_full_told(path), in_one_go(path, overwrite) as part:
         with new_file(part) as data:
             data.setncatts(told)
             data.floebmi_restart = np.int32(RESTART_VERSION)

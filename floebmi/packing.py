@@ -81,9 +81,7 @@ def scatter(
     check_domain(domain)
     check_sizes(sizes)
     if (concentration is None) == (count is None):
-        raise InputError(
-            f"concentration = {concentration}, count = {count}: give one of them, not both"
-        )
+        raise InputError("give either concentration or count")
     rng = _generator(seed)
     check_length("thickness", thickness)
     barrier = barrier_of(land, domain, sizes.range[0])
@@ -255,9 +253,7 @@ def regular(
     check_domain(domain)
     check_word("lattice", lattice, ("hexagonal", "square"))
     if (spacing is None) == (concentration is None):
-        raise InputError(
-            f"spacing = {spacing}, concentration = {concentration}: give one of them, not both"
-        )
+        raise InputError("give either concentration or spacing")
     check_length("radius", radius)
     if spacing is not None:
         if not (is_number(spacing) and spacing >= 2 * radius):

@@ -48,7 +48,7 @@ from floebmi.drawing import (
     draw_land,
     draw_scale_bar,
 )
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, check_text, choose, in_line
 from floebmi.files import check_kind, in_one_go, path_of
 from floebmi.film import write_gif, write_mp4
 from floebmi.output import open_file
@@ -188,6 +188,7 @@ def ledger(
     InputError
         for a file that is not one of those.
     """
+    check_text("title", title)
     with in_style("white"), ExitStack() as files:
         data = files.enter_context(open_file(path, "trajectories", "gridded"))
         if not len(data.dimensions["time"]):
@@ -234,6 +235,8 @@ def animate(
     if not (is_number(fps) and fps >= 1):
         raise InputError(f"fps = {fps!r}: must be at least 1")
     check_every(every)
+    if not (progress is None or callable(progress)):
+        raise InputError(f"progress = {in_line(progress)}: must be a function, or None")
     with in_style(), ExitStack() as files:
         view = open_view(files, trajectories, gridded)
         picture = FloePicture(view, color, arrows, limits, title, size)
@@ -280,6 +283,8 @@ def page(
     to = path_of("to", to)
     check_kind(to, (".html",))
     check_every(every)
+    if color is None:
+        raise InputError("color = None: must be speed or a variable of the file")
     with ExitStack() as files:
         view = open_view(files, trajectories, None)
         run = page_of(FloePicture(view, color, None, limits, title, 400), view, every)

@@ -130,7 +130,8 @@ def check_length(name: str, value: object) -> None:
 
 def two_numbers(pair: object) -> tuple[float, float] | None:
     """The two numbers of a tuple, a list, an array or a column of a table; None of all else."""
-    row = list(pair) if np.iterable(pair) and hasattr(pair, "__getitem__") else []
+    row = np.iterable(pair) and hasattr(pair, "__getitem__") and not isinstance(pair, bytes)
+    row = list(pair) if row else []
     return (float(row[0]), float(row[1])) if len(row) == 2 and all(map(is_number, row)) else None
 
 

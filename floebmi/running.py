@@ -168,7 +168,8 @@ def run(
     every : between frames [s]; default: a twentieth of the duration
     gridded, trajectories : NetCDF files to make, see `output`
     restart : file for the state at the end, or at the last exchange of a run that was cut short; also saved
-        with a frame once a minute, for a run that is killed
+        with a frame once a minute, for a run that is killed. Where there is none it is made as the run begins, so that no
+        other run takes its name meanwhile
     attributes, reference, calendar, projection, land : see `output.GriddedWriter`
     overwrite : whether files may be replaced
     progress : show a meter
@@ -227,6 +228,7 @@ def run(
     _refuse_one_file_for_two(files)
     if restart is not None:
         check_target(Path(restart), overwrite)
+    claim = restart is not None and not Path(restart).exists()
     first_steps = 0
     state, saved_at = model.state(), time.monotonic()
     of_state = dict(attributes or {})
@@ -242,6 +244,9 @@ def run(
             )
         )  # fmt: skip
         meter = stack.enter_context(_Meter(model, total, progress))
+        if claim:
+            with clock.of("output"):
+                save_restart(restart, state, of_state, overwrite=False)
         try:
             with clock.of("output"):
                 write()
@@ -268,7 +273,7 @@ def run(
                     break
         except BaseException as error:
             # a run that got nowhere does not replace the state of an earlier one
-            if state["time"] > start or not (restart and Path(restart).exists()):
+            if state["time"] > start or claim or not (restart and Path(restart).exists()):
                 _save(restart, state, of_state, error)
             raise
     if restart is not None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 import numpy as np
 
 from floebmi.clock import Clock
-from floebmi.errors import InputError, check_word
+from floebmi.errors import InputError, check_text, check_word, in_line
 from floebmi.fields import (
     Field,
     File,
@@ -28,9 +28,10 @@ from floebmi.fields import (
     length_factor,
     open_files,
 )
-from floebmi.grid import Grid
+from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, water_value
 from floebmi.places import Position, place_of
+from floebmi.quantities import is_number
 from floebmi.remap import FillLand, around_cells, interpolate
 
 if TYPE_CHECKING:
@@ -150,8 +151,12 @@ def read_scalar(
         if the variable, its meaning, its units, or its place are not clear; for a value beyond its bounds;
         if wet cells are not covered.
     """
+    check_grid("grid", grid)
     check_word("quantity", quantity, get_args(Quantity))
     check_word("thickness_of", thickness_of, get_args(ThicknessOf))
+    if not (outside is None or is_number(outside)):
+        raise InputError(f"outside = {in_line(outside)}: must be a number, or None")
+    check_text("units", units)
     files = open_files(path)
     on = _On(
         files, grid, projection, position, file_projection, time, select, fill_land, mask, outside

@@ -125,8 +125,6 @@ class Uniform(Table):
     y: Pair | None = Field(None, description="south and north edge [m]")
 
     def build(self, domain: Domain, folder: Path) -> Grid:
-        if (self.spacing is None) == (self.shape is None):
-            raise InputError("give either spacing or shape")
         return Grid.uniform(self.x or domain.x, self.y or domain.y, self.spacing, self.shape)
 
 

@@ -147,8 +147,6 @@ class Scatter(Group):
     def _arranged(self, sea: Sea, seed: int) -> Floes:
         from floebmi import packing
 
-        if (self.concentration is None) == (self.count is None):
-            raise InputError("give either concentration or count")
         region = _region(sea.domain, self.x, self.y)
         return packing.scatter(
             region,
@@ -178,8 +176,6 @@ class Regular(Group):
     def _arranged(self, sea: Sea, seed: int) -> Floes:
         from floebmi import packing
 
-        if (self.concentration is None) == (self.spacing is None):
-            raise InputError("give either concentration or spacing")
         return packing.regular(
             _region(sea.domain, self.x, self.y),
             self.radius,

@@ -34,7 +34,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError, choose
-from floebmi.files import check_target, in_one_go, path_of
+from floebmi.files import attributes_of, check_target, in_one_go, path_of
 from floebmi.floes import FIXED, FIXED_ROTATION, FIXED_X, Floes
 from floebmi.forces import AirDrag, Coriolis, OceanDrag
 from floebmi.grid import Grid
@@ -141,8 +141,8 @@ def table(results: dict[str, list[Measure]]) -> str:
 
 
 def save(results: dict[str, list[Measure]], path: str | Path) -> None:
-    """Write the measures of some cases as JSON."""
-    content = {
+    """Write the measures of some cases as JSON, with what made them and when."""
+    cases = {
         name: {
             "number": CASES[name].number,
             "title": CASES[name].title,
@@ -156,6 +156,8 @@ def save(results: dict[str, list[Measure]], path: str | Path) -> None:
         }
         for name, measures in results.items()
     }  # fmt: skip
+    made = attributes_of("measures of the model at its extremes")
+    content = {**{name: made[name] for name in ("title", "source", "history")}, "cases": cases}
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
     path = path_of("path", path)
     check_target(path, overwrite=True)

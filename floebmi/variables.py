@@ -15,7 +15,7 @@ all have the short one.  `model.fields()` has short names, BMI and Landlab CSDMS
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from floebmi.errors import InputError, choose
+from floebmi.errors import InputError, choose, is_word
 
 if TYPE_CHECKING:
     import numpy as np
@@ -496,7 +496,7 @@ def find(name: str) -> Variable:
         if there is none; it names near ones.
     """
     for row in VARIABLES:
-        if name in (row.name, row.csdms, row.cf):
+        if is_word(name, (row.name, row.csdms, row.cf)):
             return row
     raise InputError(f"variable {name!r}: unknown; {choose(name, [row.name for row in VARIABLES])}")
 

@@ -114,9 +114,7 @@ def test_relative_links_lead_somewhere(page):
             continue
         path, _, anchor = target.partition("#")
         to = page.parent / path if path else page
-        if to.parts[-2:] == ("gallery", "index.rst"):  # made with the site
-            to = ROOT / "examples" / "gallery" / "GALLERY_HEADER.rst"
-        if to.parent.name == "made":  # too
+        if to.parent.name == "made":  # with the site
             assert to.stem in (DOCS / "conf.py").read_text(encoding="utf-8"), target
             continue
         assert to.exists(), target
@@ -139,6 +137,12 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stderr
     for page in ("index", "reference/made/scene-keys", "gallery/two_floes"):
         assert (tmp_path / f"{page}.html").exists()
+    for page, link in (
+        ("index", "gallery/index.html"),
+        ("tutorials/landlab", "../gallery/index.html"),
+    ):
+        main = re.sub(r".*<article|</article>.*", "", read(tmp_path / f"{page}.html"), flags=re.S)
+        assert f'href="{link}"' in main, page
 
 
 @pytest.mark.long

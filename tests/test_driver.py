@@ -291,6 +291,14 @@ def test_a_stress_that_goes_to_two_inputs_is_in_the_ledger_once(ocean):
             np.testing.assert_allclose(line.host, line.to_host, rtol=0, atol=1e-12 * line.turnover)
 
 
+@pytest.mark.parametrize("until", [None, "600", [600.0], np.nan])
+def test_an_exchange_to_what_is_no_time_is_refused_before_anything_happens(until, ocean):
+    coupling = Coupling(ocean(), Ice(same_cells()), 600.0)
+    with pytest.raises(InputError, match="until = .*: must be a finite number"):
+        coupling.exchange(until)
+    assert not coupling.ledger
+
+
 def test_the_stress_of_the_last_step_loses_momentum(ocean):
     ocean, ice = ocean(), Ice(same_cells())
     before = momentum_of(ocean, ice, 0)

@@ -59,11 +59,16 @@ running.run(drifting(), 1e6, every=0.5, trajectories="floes.nc", restart="restar
 """
 
 
+def has_begun(path):
+    """Whether a run has saved a state later than the one at its start."""
+    return path.exists() and load_restart(path)[0]["time"] > 0.0
+
+
 def killed_after(folder, seconds):
     code = ENDLESS.format(tests=os.path.dirname(__file__))
     process = subprocess.Popen([sys.executable, "-c", code], cwd=folder)
     try:
-        while not (folder / "restart.nc").exists():
+        while not has_begun(folder / "restart.nc"):
             assert process.poll() is None
             time.sleep(0.02)
         time.sleep(seconds)

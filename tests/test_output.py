@@ -16,6 +16,7 @@ from small_run import GRIDS, LAND, small_model, small_run
 
 from floebmi import Contact, Domain, Floes, Grid, InputError, Model, Wall, cohesive, frictional
 from floebmi.cf import define_projection
+from floebmi.entries import checksum, entries_of
 from floebmi.output import (
     GriddedWriter,
     TrajectoryWriter,
@@ -626,6 +627,35 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path_factory, state):
     again, attributes = load_restart(path)
     assert identical(again, state)
     assert attributes["scene"] == "ünï = 1\n"
+
+
+def test_a_restart_file_says_what_made_it_and_when_unless_it_is_told(tmp_path):
+    save_restart(tmp_path / "a.nc", {"a": 1.0})
+    save_restart(tmp_path / "b.nc", {"a": 1.0}, {"title": "a strait", "number": 3})
+    (_, told), (_, own) = (load_restart(tmp_path / name) for name in ("a.nc", "b.nc"))
+    assert told["source"] == own["source"] == f"floebmi {told['floebmi_version']}"
+    assert told["source"] in told["history"] and told["title"].startswith("State of")
+    assert (own["title"], own["number"]) == ("a strait", 3)
+
+
+def test_a_restart_file_of_before_without_these_attributes_is_read(tmp_path):
+    path = tmp_path / "a.nc"
+    save_restart(path, {"a": 1.5, "b": np.arange(3)})
+    with Dataset(path, "a") as data:
+        for name in ("title", "source", "history"):
+            data.delncattr(name)
+        data.checksum = checksum(
+            entries_of({"a": 1.5, "b": np.arange(3)}), {"floebmi_version": data.floebmi_version}
+        )
+    state, told = load_restart(path)
+    assert identical(state, {"a": 1.5, "b": np.arange(3)}) and list(told) == ["floebmi_version"]
+
+
+@pytest.mark.parametrize("name", ["floebmi_restart", "checksum"])
+def test_an_attribute_that_the_writer_of_a_restart_file_sets_is_refused(tmp_path, name):
+    with pytest.raises(InputError, match=f"attribute '{name}': is set by save_restart"):
+        save_restart(tmp_path / "a.nc", {}, {name: 1})
+    assert not list(tmp_path.iterdir())
 
 
 def test_texts_in_arrays_and_states_of_random_generators_come_back(tmp_path):

@@ -10,7 +10,7 @@ import xarray as xr
 
 import floebmi as fb
 from coupling.driver import couple
-from coupling.regrid import Regrid
+from coupling.regrid import Regrid, checksum
 from coupling.slab import TwoSlabOcean
 from coupling.vectors import Staggered, turn
 from floebmi import ensemble, output, paraview, plot, sizes, tradeoff
@@ -250,6 +250,22 @@ def test_what_is_no_word_is_refused_in_one_line(ask, value):
     assert "\n" not in str(caught.value)
 
 
+FLOES, SIZE = fb.Floes(500.0, 500.0, 10.0, 1.0), fb.SingleSize(50.0)
+ENSEMBLE = ensemble.Ensemble({}, {}, (1,), {(0, 0): {"a": np.ones(2)}}, [])
+WATER = xr.Dataset(
+    {"siconc": (("y", "x"), np.zeros((2, 2)))}, {"x": [0.0, 2000.0], "y": [0.0, 1000.0]}
+)
+
+
+def land(**other):
+    given = {"x": [0.0, 1.0], "y": [0.0, 1.0], "fraction": np.eye(2), "radius": 0.1}
+    return from_land_fraction(**given | other)
+
+
+def scalar(**other):
+    return fb.read_scalar(WATER, "area_fraction", GRID, **other)
+
+
 @pytest.mark.parametrize(
     "ask, said",
     [
@@ -284,6 +300,58 @@ def test_what_is_no_word_is_refused_in_one_line(ask, value):
             ),
             "inflow.velocity = .*: must be two numbers",
         ),
+        (lambda: fb.Floes.concatenate(5), "groups = 5: must be a list of Floes"),
+        (lambda: FLOES.mass(None), "density = None: must be greater than 0"),
+        (lambda: FLOES.moment_of_inertia(np.nan), "density = nan: must be greater than 0"),
+        (lambda: FLOES.allow_own("colour"), "name = 'colour': allowed: friction"),
+        (lambda: FLOES.same(3), "floes = 3: must be of the kind Floes"),
+        (lambda: FLOES.go_back([1.0]), "floes = .*: must be of the kind Floes"),
+        (lambda: fb.Model(BOX._replace(x=b"ab"), FLOES), "domain.x = b'ab': must be two numbers"),
+        (lambda: fb.Grid.uniform(b"ab", (0.0, 1.0), spacing=1.0), "x = b'ab': must be two numbers"),
+        (lambda: BOX.position("up"), "edge = 'up': allowed: east, north, south, west"),
+        (lambda: BOX.brought_back("a", 0.0), "must be real numbers"),
+        (lambda: fb.scatter(BOX, SIZE, count=1, land=fb.Coast(3, [])), "floes = 3: must be of the"),
+        (lambda: land(threshold=None), "threshold = None; must be between 0 and 1"),
+        (lambda: land(period=5.0), "period = 5.0: must be two lengths, or None"),
+        (lambda: land(period=(None, np.nan)), "period = nan m; must be greater than 0"),
+        (lambda: land(x=[1.0, 1.0]), "neighbouring cells have the same centre"),
+        (lambda: a_model().ledger.balance(np.eye(2)), "balance of .*: allowed: energy"),
+        (lambda: setattr(a_model(), "time", None), "model.time = None: must be a finite number"),
+        (lambda: setattr(a_model(), "time", np.nan), "model.time = nan: must be a finite number"),
+        (lambda: a_model().bulk_range(0.3), "drag = 0.3: must be an OceanDrag or an AirDrag"),
+        (lambda: a_model().bulk_range(fb.AirDrag("a")), "AirDrag.density = 'a': must be"),
+        (lambda: a_model().seconds_per_step(0), "steps = 0: must be a whole number, at least 1"),
+        (lambda: a_model().seconds_per_step(3, "drag"), "without = 'drag': allowed: contacts"),
+        (lambda: a_model().ice_fields(5), "out = 5: must be a dict"),
+        (lambda: a_model().ice_fields({"thickness": np.ones(9)}), "an array of 1 float64"),
+        (lambda: plot.ledger("floes.nc", title=5), "title = 5: must be a text"),
+        (lambda: plot.page("floes.nc", color=None), "color = None: must be speed or"),
+        (lambda: plot.animate("floes.nc", to="a.gif", progress=1), "progress = 1: must be a fun"),
+        (lambda: plot.field("ice.nc", np.ones(3)), "variable .*: unknown"),
+        (lambda: output.GriddedWriter("a.nc", a_model(), names=[[1], [2, 3]]), "no such field"),
+        (lambda: output.save_restart("a.nc", {"a": [[1], [2, 3]]}), "a: cannot be saved"),
+        (lambda: output.save_restart("a.nc", {}, {"a": None}), "'a' = None: must be a text or a"),
+        (
+            lambda: fb.run(a_model(), 1.0, gridded="a.nc", attributes={"a": True}),
+            "'a' = True: must",
+        ),
+        (lambda: ensemble.run(len, {}, {}, (1,), "e", progress=[]), "progress = .*: must be True"),
+        (lambda: ensemble.gather(ENSEMBLE, None), "outputs = None: must be a dict"),
+        (lambda: ensemble.gather(ENSEMBLE, {"a": 1}), "outputs.'a'. = 1: must be .dims, units, lo"),
+        (lambda: ensemble.gather(ENSEMBLE, {}, units={"a": "m"}), "units.'a'. = 'm': must be .uni"),
+        (lambda: ensemble.save({}, "a.nc"), "data = {}: must be what `gather` returns"),
+        (lambda: fb.read_scalar("a.nc", "thickness", 3), "grid = 3: must be a Grid"),
+        (lambda: scalar(outside="none"), "outside = 'none': must be a number, or None"),
+        (lambda: scalar(units=np.ones(2)), "units = .*: must be a text"),
+        (lambda: scalar(variable=["a"]), "variable = .*: must be a text"),
+        (lambda: scalar(mask=np.ones(2)), "mask = .*: must be a text"),
+        (lambda: fb.VelocityFile("a.nc", GRID, variables=5), "variables = 5: must be two names"),
+        (
+            lambda: fb.VelocityFile(WATER, GRID, variables=([1], [2])),
+            "variables = .*: must be a te",
+        ),
+        (lambda: fb.VelocityFile("a.nc", GRID, units=5), "units = 5: must be a text"),
+        (lambda: checksum(3), "grid = 3: must be a Grid"),
     ],
 )
 def test_other_odd_arguments_are_refused_in_one_line(ask, said, tmp_path, monkeypatch):

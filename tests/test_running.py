@@ -24,6 +24,7 @@ from floebmi import (
     Step,
     frictional,
     run,
+    running,
 )
 from floebmi.output import load_restart
 from floebmi.running import Report, WallTime, duration_text
@@ -117,6 +118,40 @@ def test_no_file_of_a_run_takes_the_place_of_another(tmp_path):
             run(drifting(), 20.0, restart=path)
         assert path.read_bytes() == before
     run(drifting(), 20.0, restart=state, overwrite=True)
+    assert load_restart(state)[0]["time"] == 20.0
+
+
+def test_a_second_run_with_the_same_restart_file_is_refused_while_the_first_goes_on(tmp_path):
+    state, refused = tmp_path / "restart.nc", []
+
+    class Meanwhile:
+        span = None
+
+        def fill(self, t, u, v):
+            if 0.0 < t < 10.0:
+                with pytest.raises(InputError, match="restart.nc: exists already") as caught:
+                    run(drifting(), 50.0, restart=state)
+                refused.append(str(caught.value))
+
+    run(drifting(), 20.0, ocean=Meanwhile(), every=10.0, restart=state)
+    assert len(refused) == 1 and "\n" not in refused[0]
+    assert load_restart(state)[0]["time"] == 20.0
+
+
+def test_of_two_runs_that_begin_at_once_the_second_leaves_the_restart_file_of_the_first(
+    tmp_path, monkeypatch
+):
+    state = tmp_path / "restart.nc"
+    frames = running._Frames
+
+    def first_another(*given):  # after the name was found free, before it is taken
+        monkeypatch.setattr(running, "_Frames", frames)
+        run(drifting(), 20.0, restart=state)
+        return frames(*given)
+
+    monkeypatch.setattr(running, "_Frames", first_another)
+    with pytest.raises(InputError, match="restart.nc: (exists already|another run has made it)"):
+        run(drifting(), 50.0, restart=state)
     assert load_restart(state)[0]["time"] == 20.0
 
 

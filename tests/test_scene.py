@@ -165,6 +165,7 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ("[coast]\ngeojson = 'no.json'\nradius = 1", "no.json"),
         ('[floes]\narrangement = "file"\nfile = "no.csv"', "no.csv"),
         ('[floes]\nsize={distribution="single",radius=0.1}', "give either concentration or count"),
+        ('[floes]\narrangement="regular"\nradius=0.1', "give either concentration or spacing"),
     ],
 )  # fmt: skip
 def test_a_wrong_scene_is_refused_in_one_line_with_file_table_and_key(write, text, said):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from floebmi import validate
+from floebmi import __version__, validate
 from floebmi.advance import Advance
 from floebmi.cli import floebmi
 from floebmi.validate import CASES, Case, Measure
@@ -58,7 +58,7 @@ def test_a_full_disk_leaves_the_earlier_measures(tmp_path, monkeypatch):
     monkeypatch.setattr(pathlib.Path, "write_text", torn)
     with pytest.raises(OSError, match="No space left on device: .*a.json"):
         validate.save({"restart": [Measure("floes", 1.0)]}, path)
-    assert json.loads(path.read_bytes()) == {}
+    assert json.loads(path.read_bytes())["cases"] == {}
     assert os.listdir(tmp_path) == ["a.json"]
 
 
@@ -115,8 +115,9 @@ def test_the_command_prints_a_table_and_saves_it(tmp_path):
     assert lines[1].startswith("15 lagged-ocean") and "eq. lagged-stress" in lines[1]
     assert sum(" pass" in line for line in lines[1:]) >= 8
     saved = json.loads((tmp_path / "a.json").read_text())
-    assert list(saved) == ["lagged-ocean", "area-budget"]
-    assert saved["area-budget"]["passed"] is True
+    assert list(saved["cases"]) == ["lagged-ocean", "area-budget"]
+    assert saved["cases"]["area-budget"]["passed"] is True
+    assert saved["source"] == f"floebmi {__version__}" and saved["source"] in saved["history"]
     again = cli("area-budget", "--save", tmp_path / "a.json")
     assert again.exit_code == 2 and "exists already" in again.stderr
 
