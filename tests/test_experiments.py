@@ -111,6 +111,7 @@ def test_floes_are_whole_and_may_all_be_of_one_size():
 # ---- shear ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_pack_bears_a_shear_stress_and_moves_less_towards_the_floes_that_stand(sheared):
     profile = sheared["displacement"]
     seen = profile[np.isfinite(profile)]
@@ -125,6 +126,7 @@ def test_the_pack_bears_a_shear_stress_and_moves_less_towards_the_floes_that_sta
     assert sheared["normal_stress_met"] == pytest.approx(20e3, rel=0.2)  # 18 to 21 kPa of six seeds
 
 
+@pytest.mark.long
 def test_the_inertia_number_is_of_the_height_between_the_held_floes_and_the_mean_diameter(sheared):
     height = sheared["wall_position"][480:].mean() - 2 * 16.0  # of 1200, the last 0.6
     assert sheared["shear_rate"] == pytest.approx(1.0 / height)
@@ -138,6 +140,7 @@ def test_the_inertia_number_is_of_the_height_between_the_held_floes_and_the_mean
     assert sheared["shear_stress_error"] == pytest.approx(error)
 
 
+@pytest.mark.long
 def test_the_force_on_the_driven_floes_is_what_the_ledger_books_for_held_ones():
     """The pack between gains what the driven floes and those that stand give to it."""
     p = make(Shear, SMALL_SHEAR | {"thickness": 2.0, "ice_density": 900.0, "wall_damping": 0.5})
@@ -161,6 +164,7 @@ def test_the_force_on_the_driven_floes_is_what_the_ledger_books_for_held_ones():
     assert given == pytest.approx(total, rel=0.1)
 
 
+@pytest.mark.long
 def test_the_books_of_the_shear_close(sheared):
     assert sheared["relative_residual"][:3].max() < 1e-10
     assert sheared["relative_residual"][3] < 1e-3
@@ -168,6 +172,7 @@ def test_the_books_of_the_shear_close(sheared):
     assert ledger[0] + ledger[1:-2].sum(axis=0) + ledger[-1] == pytest.approx(ledger[-2], rel=1e-9)
 
 
+@pytest.mark.long
 def test_layers_are_told_by_their_middles(sheared):
     np.testing.assert_allclose(np.diff(sheared["layer"]), sheared["layer"][0] * 2)
 
@@ -442,6 +447,7 @@ def test_chains_are_dark_where_floes_push_and_red_where_bonds_pull():
     assert axes.collections[0].get_segments()[1].tolist() == [[1.0, 0.0], [2.0, 0.0]]
 
 
+@pytest.mark.long
 def test_a_chain_over_the_seam_of_the_cell_is_drawn_on_both_sides():
     values = {**SMALL_SHEAR, "settling": 20.0, "consolidation": 10.0, "duration": 4.0}
     axes = figures._shear_cell(make(Shear, values), 1).axes[0]
@@ -516,6 +522,7 @@ def test_an_existing_file_of_something_else_is_left_alone(cli, tmp_path):
     assert Path("s.nc").read_text() == "precious"
 
 
+@pytest.mark.long
 def test_shear_saves_stress_against_normal_stress_with_the_fit(cli):
     small = " ".join(f"--{k.replace('_', '-')} {v:g}" for k, v in SMALL_SHEAR.items())
     done = cli(f"shear {small} --duration 20 --normal-stress 1e4,4e4 --seeds 2 --jobs 1 --quiet")
@@ -567,6 +574,7 @@ def drawn(pictures):
     return all(path.stat().st_size > 15e3 for path in pictures)
 
 
+@pytest.mark.long
 def test_the_example_draws_the_set_ups(tmp_path):
     assert drawn(paper().main(tmp_path, seeds=1, jobs=1, numbers=(1, 2), quick=True))
 

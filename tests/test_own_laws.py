@@ -272,6 +272,7 @@ def waves():
     del ACCOUNTS[Waves], READS[Waves]
 
 
+@pytest.mark.long
 def test_a_force_of_ones_own_reads_a_field_of_its_own_at_each_floe(waves):
     def begin(v=0.0):
         model = Model(OPEN, Floes([0.0, 100.0], 0.0, 10.0, [1.0, 2.0], v=v), forces=[Waves(0.5)])

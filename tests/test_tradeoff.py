@@ -392,6 +392,7 @@ def test_an_exchange_left_to_the_duration_is_that_of_all_runs(tmp_path, monkeypa
         assert ways[0] == (0.125 if "exchange" in text else 0.5), text
 
 
+@pytest.mark.long
 def test_the_reference_is_finer_than_a_step_that_the_scene_gives(tmp_path):
     path = scene_file(tmp_path, QUIET)
     for given, fine in (
