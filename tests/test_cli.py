@@ -503,6 +503,7 @@ def test_without_a_start_the_first_record_is_the_date_of_what_is_written_and_of_
 
 
 def test_at_a_restart_the_tilt_of_the_scene_holds(cli, tmp_path):
+    # forces whose machine code other tests have
     laws = "[coriolis]\nparameter = 0\n[tilt]\nslope = [1e-6, 0]\n[body_force]\n"
     scene = STARTED.replace('contact = "frictional"\n', "").replace("[ocean]\n", laws)
     (tmp_path / "a.toml").write_text(scene)

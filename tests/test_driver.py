@@ -1076,7 +1076,7 @@ seed = 5
 youngs_modulus = 2e6
 [contact.friction]
 [contact.bonds]
-tensile_strength = 10.0
+tensile_strength = 10.0  # next to none: other tests have this machine code
 [domain]
 x = [1e3, 17e3]
 y = [2e3, 11e3]
