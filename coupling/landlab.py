@@ -157,7 +157,7 @@ class SeaIceFloes(Component):
     ------
     InputError
         A ValueError of one line: grids without cells, axes or fields that are told to be in other units, more than
-        one source of floes, numbers that cannot be.
+        one source of floes, arguments that nothing would read, numbers that cannot be.
 
     Examples
     --------
@@ -246,8 +246,22 @@ class SeaIceFloes(Component):
             raise InputError(f"SeaIceFloes: {' and '.join(sources)} are given: give one of them")
         if not isinstance(coast, Coast | None):
             raise InputError(f"SeaIceFloes: coast = {coast!r}: must be a Coast, or None")
+        if not (concentration is not None or (is_number(thickness) and thickness == 1.0)):
+            raise InputError(
+                f"SeaIceFloes: thickness = {thickness!r} is of floes that a concentration asks for: give one, or"
+                " leave it out"
+            )
+        if floes is not None and sizes is not None:
+            raise InputError(
+                "SeaIceFloes: sizes is given beside floes, which have their own: leave it out"
+            )
+        if domain is not None and edges != "inactive":
+            raise InputError("SeaIceFloes: edges is given beside a domain, which has its own")
         if scene is not None:
-            laws = {"contact": contact, "forces": forces, "domain": domain, "coast": coast}
+            laws = {
+                "sizes": sizes, "contact": contact, "forces": forces, "domain": domain, "coast": coast,
+                "edges": None if edges == "inactive" else edges, "seed": seed or None,
+            }  # fmt: skip
             named = [name for name, value in laws.items() if value is not None]
             if named:
                 raise InputError(f"SeaIceFloes: {named[0]} is given beside a scene: say it there")

@@ -43,6 +43,7 @@ from floebmi.arrays import digest
 from floebmi.errors import InputError
 from floebmi.grid import Grid
 from floebmi.model import Model
+from floebmi.quantities import is_number
 
 SAME_TIME = 1e-9  # of an exchange
 INNER = slice(2, -2)  # without the two ghost cells
@@ -126,9 +127,10 @@ class SeaIce:
                 f"Veros: dt_tracer = {settings.dt_tracer:g} s, dt_mom = {step:g} s: must be equal, for the"
                 " ice has one clock"
             )
-        if round(every / step) < 1 or abs(round(every / step) * step - every) > SAME_TIME * every:
+        steps = round(every / step) if is_number(every) else 0
+        if steps < 1 or abs(steps * step - every) > SAME_TIME * every:
             raise InputError(
-                f"every = {every:g} s: must be a whole number of Veros' steps, {step:g} s"
+                f"every = {every!r} s: must be a whole number of Veros' steps, {step:g} s"
             )
         cells = surface_cells(state)
         if (
@@ -205,11 +207,16 @@ class SeaIce:
         Raises
         ------
         InputError
-            one line: a current that is not finite, another grid, a clock that is not where the ice expects it.
-            The ice is then as it was before the exchange; its state is in `rescue`.
+            one line: stresses of another shape, a current that is not finite, another grid, a clock that is not where the
+            ice expects it.  The ice is then as it was before the exchange; its state is in `rescue`.
         """
         start, ice_before = time.perf_counter(), self._ice_seconds
         vs, settings = state.variables, state.settings
+        for name, values in (("taux", taux), ("tauy", tauy)):
+            if np.shape(values) != vs.maskT.shape[:2]:
+                raise InputError(
+                    f"{name} has shape {np.shape(values)}; must have Veros' own, {vs.maskT.shape[:2]}"
+                )
         now, ice = float(vs.time), self.model.time
         if (
             self.checkpoint is not None and settings.restart_frequency and vs.itt > 0

@@ -485,8 +485,11 @@ def test_the_impulse_of_ice_in_a_cell_without_open_faces_is_told_as_undelivered(
     [
         ({"coord_degree": True}, 1800.0, "coord_degree = True: floes need metres"),
         ({"dt_tracer": 450.0}, 1800.0, "dt_tracer = 450 s, dt_mom = 900 s: must be equal"),
-        ({}, 1000.0, "every = 1000 s: must be a whole number of Veros' steps, 900 s"),
-        ({}, 400.0, "every = 400 s: must be a whole number"),
+        ({}, 1000.0, "every = 1000.0 s: must be a whole number of Veros' steps, 900 s"),
+        ({}, 400.0, "every = 400.0 s: must be a whole number"),
+        ({}, np.nan, "every = nan s: must be a whole number"),
+        ({}, -900.0, "every = -900.0 s: must be a whole number"),
+        ({}, "1800", "every = '1800' s: must be a whole number"),
     ],
 )
 def test_what_does_not_fit_veros_is_refused(settings, every, said):

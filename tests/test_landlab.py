@@ -455,12 +455,18 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
             made.add_ones(name, at="node")
         return made
 
-    floes = some_floes(n=3)
+    floes, box = some_floes(n=3), Domain((0.0, 11e3), (0.0, 11e3))
     cases = [
         (lambda: SeaIceFloes(grid(), floes=floes, concentration=0.2), "floes and concentration"),
         (lambda: SeaIceFloes(grid(), concentration=0.2), "sizes is missing"),
         (lambda: SeaIceFloes(grid(FRACTION)), f"alone; floes need {FRACTION} and {THICKNESS}"),
         (lambda: SeaIceFloes(grid(), scene="two-floes", forces=[]), "forces is given beside a scene"),
+        (lambda: SeaIceFloes(grid(), scene="two-floes", edges="closed"), "edges is given beside a scene"),
+        (lambda: SeaIceFloes(grid(), scene="two-floes", sizes=(1.0, 2.0)), "sizes is given beside a scene"),
+        (lambda: SeaIceFloes(grid(), scene="two-floes", seed=1), "seed is given beside a scene"),
+        (lambda: SeaIceFloes(grid(), scene="two-floes", thickness=2.0), "thickness = 2.0 is of floes that a concentration"),
+        (lambda: SeaIceFloes(grid(), floes=floes, sizes=(1.0, 2.0)), "sizes is given beside floes"),
+        (lambda: SeaIceFloes(grid(), floes=floes, domain=box, edges="closed"), "edges is given beside a domain"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=(1.0, 2.0, 3.0)), "sizes"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=("a", "b")), "must be .smallest, largest"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=np.ones(3)), "must be .smallest, largest"),
