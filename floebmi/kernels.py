@@ -14,6 +14,9 @@ from typing import Any, get_type_hints
 
 import numba
 import numpy as np
+from llvmlite import binding
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.extending import overload, register_jitable
 
 from floebmi.errors import InputError
@@ -32,6 +35,36 @@ OPTIONS = {
 # Counting references to arrays that somebody else owns would take a fifth of the time of compiling.
 IN_PLACE = {**OPTIONS, "_nrt": False}
 BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
+
+
+class _PartCode(JITCodeLibrary):
+    """The code of a part of kernels, as it comes: kernels take it in, optimise it and make it into machine code.
+
+    numba does that to each part by itself as well, which takes time and makes no step faster.  Should it come not to call
+    these methods, it will do so again, and nothing else will change.
+    """
+
+    def _optimize_functions(self, module: Any) -> None:
+        module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        """Python gets nothing of it but the place where the texts that it prints are to be found."""
+        code = self._final_module
+        places = [str(v) for v in code.global_variables if v.linkage is binding.Linkage.common]
+        empty = str(self._codegen._create_empty_module(self.name))
+        self._final_module = binding.parse_assembly("\n".join([empty, *places]))
+        super()._finalize_final_module()
+        self._final_module = code
+
+
+class _Part(Compiler):
+    """numba's own way to make code, into a `_PartCode`."""
+
+    def __init__(self, typing: Any, target: Any, library: None, *rest: Any) -> None:
+        super().__init__(typing, target, _PartCode(target.codegen(), "part"), *rest)
 
 
 _dispatched: list[Any] = []  # all functions whose code is picked by type
@@ -70,7 +103,7 @@ def inner(function: Callable) -> Callable:
     For what only kernels call.  It compiles sooner than with `jit`: without the wrapper by which Python calls a kernel,
     and once for all kernels that call it.
     """
-    return register_jitable(**IN_PLACE)(function)
+    return register_jitable(**IN_PLACE, pipeline_class=_Part)(function)
 
 
 def as_records(array: np.ndarray) -> np.ndarray:
@@ -96,7 +129,7 @@ def dispatched(default: Callable) -> Any:
     picked: set[type] = set()  # by kernels that are compiled
     register = generic.register
 
-    @overload(generic, strict=False, jit_options=IN_PLACE)
+    @overload(generic, strict=False, jit_options={**IN_PLACE, "pipeline_class": _Part})
     def pick(*args):
         kind = _python_type(args[0])
         picked.add(kind)

@@ -64,6 +64,7 @@ class Wave(NamedTuple):
 
 @acceleration.register
 def _(force: Wave, at, k, u, v):
+    print("pushed by", force.stress)
     return Push(TIMES * half(force.stress) / LENGTH, 0.0, 0.0, 0.0, 0.0, 0.0)
 """
 FURTHER = """
@@ -93,9 +94,11 @@ def test_a_law_in_a_file_that_was_edited_is_compiled_anew(tmp_path):
         (tmp_path / "wave.py").write_text(FILE.replace("TIMES", times), "utf-8")
         (tmp_path / "further.py").write_text(further, "utf-8")
         words = [sys.executable, "-B", "-c", SCRIPT.replace("LAW", law)]
-        done = subprocess.run(words, env=os.environ | told, capture_output=True, text=True)
+        done = subprocess.run(words, env=os.environ | told, capture_output=True, text=True, timeout=300)  # fmt: skip
         assert done.returncode == 0, done.stderr
-        value, hits = done.stdout.split()
+        *printed, last = done.stdout.splitlines()
+        assert set(printed) == ({"pushed by 2.0"} if "Wave" in law else set())
+        value, hits = last.split()
         return float(value), int(hits)
 
     assert push("1.0") == (1.0, 0)
