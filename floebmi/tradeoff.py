@@ -16,6 +16,7 @@ import shlex
 import textwrap
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from decimal import ROUND_CEILING, Context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -706,7 +707,8 @@ def chosen(scene: Scene, accuracy: float) -> str:
     setting = recommended(data, accuracy)
     if setting is None:
         least = float(data.error.sel(quantity=data.attrs["of"]).where(data.error > 0).min())
+        told = Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(least)
         raise InputError(
-            f"--accuracy {accuracy:g}: no setting in {path} is so accurate; must be at least {least:.2g}"
+            f"--accuracy {accuracy:g}: no setting in {path} is so accurate; must be at least {told:g}"
         )
     return setting

@@ -133,8 +133,8 @@ def test_python_m_floebmi_is_the_same_command_and_starts_without_numba():
         ),
         (["run", "two-floes", "--restart", "no.nc"], "no.nc"),
         (
-            ["run", "periodic-box", "--accuracy", "0.5", "--set", "contact.friction=0.4"],
-            "--accuracy 0.5 takes contact=none, which --set contact.friction=0.4 changes",
+            ["run", "periodic-box", "--accuracy", "1e-3", "--set", "contact.friction=0.4"],
+            "--accuracy 0.001 takes contact=none, which --set contact.friction=0.4 changes",
         ),
         (["explain", "two-flos"], "did you mean 'two-floes'?"),
         (["scene", "two-flos"], "did you mean 'two-floes'?"),
