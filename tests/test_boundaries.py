@@ -17,6 +17,8 @@ from floebmi.packing import scatter
 from floebmi.pairs import Inverse
 from floebmi.sizes import Empirical, PowerLaw, SingleSize, UniformSize
 
+NONE = BodyForce()  # adds nothing: machine code with dashpots, walls and a body force is compiled for other tests as well
+
 
 def box(west="inactive", south="inactive", size=100.0, **edges):
     both = {"west": west, "east": west, "south": south, "north": south} | edges
@@ -120,7 +122,7 @@ def test_restitution_is_met_against_a_loaded_wall_of_any_mass(mass):
     domain = Domain((-50.0, 50.0), (-50.0, 50.0))
     floe = Floes(0.0, 0.0, 10.0, 1.0, v=1.0)
     law, step = Contact(dashpot=Restitution(0.3)), Step(fraction=0.03)
-    model = Model(domain, floe, contact=law, walls=[wall], step=step)
+    model = Model(domain, floe, law, [NONE], walls=[wall], step=step)
     model.advance(3.0)
     before = model.wall_positions[0]
     model.advance(0.1)
@@ -134,7 +136,7 @@ def test_dashpots_of_many_floes_under_a_light_wall_set_the_step():
     wall = Wall("north", position=10.0, normal_stress=0.0, mass=1e3, damping=0.0)
     floes = Floes(20.0 * np.arange(20), 0.0, 9.99, 1.0, v=1.0)
     law = Contact(dashpot=Restitution(0.02))
-    model = Model(Domain((-20.0, 420.0), (-50.0, 50.0)), floes, contact=law, walls=[wall])
+    model = Model(Domain((-20.0, 420.0), (-50.0, 50.0)), floes, law, [NONE], walls=[wall])
     model.advance(0.3)
     before = model.wall_positions[0]
     model.advance(0.01)
@@ -147,7 +149,7 @@ def packed_box(stress):
     domain = Domain((0.0, 20.0), (0.0, 30.0), "closed", "closed", "closed")
     wall = Wall("north", position=20.2, normal_stress=stress)
     law = Contact(dashpot=Restitution(0.2))
-    return Model(domain, Floes(x, y, 1.0, 1.0), contact=law, walls=[wall])
+    return Model(domain, Floes(x, y, 1.0, 1.0), law, [NONE], walls=[wall])
 
 
 @pytest.mark.long
@@ -499,7 +501,7 @@ def test_a_restart_takes_places_of_walls_from_the_state_and_loads_and_speeds_fro
     def scene(*walls):
         floes = Floes([10.0, 30.0], 50.0, 10.0, 1.0, u=[0.1, 0.0])
         law = Contact(dashpot=Restitution(0.5))
-        return Model(box(west="closed"), floes, contact=law, walls=walls)
+        return Model(box(west="closed"), floes, law, [NONE], walls=walls)
 
     model = scene(Wall("east", 40.0, normal_stress=1e4))
     for _ in range(40):
