@@ -8,6 +8,7 @@ A law is a NamedTuple of numbers; `None` is the law that is not there, and compi
 
 import functools
 import inspect
+import time
 from collections.abc import Callable
 from types import FunctionType
 from typing import Any, get_type_hints
@@ -75,10 +76,33 @@ def has_code(law: type) -> bool:
     return any(law in one.registry for one in _dispatched)
 
 
+class Making:
+    """What it took this process to compile kernels or load them."""
+
+    seconds = 0.0  # of a processor
+    _depth = 0  # kernels are compiled while another is
+
+    @classmethod
+    def timed(cls, make: Callable) -> Callable:
+        @functools.wraps(make)
+        def made(*args):
+            begin = time.process_time()
+            cls._depth += 1
+            try:
+                return make(*args)
+            finally:
+                cls._depth -= 1
+                if not cls._depth:
+                    cls.seconds += time.process_time() - begin
+
+        return made
+
+
 def _compiled(function: Callable, options: dict) -> Any:
     kernel = numba.njit(nogil=True, **options)(function)
     if not numba.config.DISABLE_JIT:
         kernel._cache = Cache(function)
+        kernel.compile = Making.timed(kernel.compile)
     return kernel
 
 
