@@ -112,12 +112,15 @@ def test_coordinates_of_a_saved_data_set_have_no_missing_value_as_cf_has_it(tmp_
     with netCDF4.Dataset(tmp_path / "a.nc") as file:
         declared = {name for name, one in file.variables.items() if "_FillValue" in one.ncattrs()}
     assert declared == {"sum", "row"}
-    xr.testing.assert_identical(xr.load_dataset(tmp_path / "a.nc").drop_attrs(deep=False), data)
+    loaded = xr.load_dataset(tmp_path / "a.nc")
+    loaded.attrs.clear()
+    xr.testing.assert_identical(loaded, data)
 
 
 def test_a_saved_data_set_says_what_it_is_and_what_made_it_when(tmp_path):
-    data = xr.Dataset({"a": ("x", [1.0, 2.0])}, attrs={"title": "two numbers"})
-    for one, title in ((data, "two numbers"), (data.drop_attrs(), "an ensemble of runs")):
+    numbers = {"a": ("x", [1.0, 2.0])}
+    data = xr.Dataset(numbers, attrs={"title": "two numbers"})
+    for one, title in ((data, "two numbers"), (xr.Dataset(numbers), "an ensemble of runs")):
         ensemble.save(one, tmp_path / "a.nc")
         told = xr.load_dataset(tmp_path / "a.nc").attrs
         assert (told["Conventions"], told["title"]) == ("CF-1.11", title)
