@@ -68,6 +68,8 @@ class _Part(Compiler):
         super().__init__(typing, target, _PartCode(target.codegen(), "part"), *rest)
 
 
+PART = {**IN_PLACE, "pipeline_class": _Part}
+
 _dispatched: list[Any] = []  # all functions whose code is picked by type
 
 
@@ -127,7 +129,7 @@ def inner(function: Callable) -> Callable:
     For what only kernels call.  It compiles sooner than with `jit`: without the wrapper by which Python calls a kernel,
     and once for all kernels that call it.
     """
-    return register_jitable(**IN_PLACE, pipeline_class=_Part)(function)
+    return register_jitable(**PART)(function)
 
 
 def as_records(array: np.ndarray) -> np.ndarray:
@@ -153,7 +155,7 @@ def dispatched(default: Callable) -> Any:
     picked: set[type] = set()  # by kernels that are compiled
     register = generic.register
 
-    @overload(generic, strict=False, jit_options={**IN_PLACE, "pipeline_class": _Part})
+    @overload(generic, strict=False, jit_options=PART)
     def pick(*args):
         kind = _python_type(args[0])
         picked.add(kind)
