@@ -171,7 +171,9 @@ class Advance:
             self._mark_anew()
 
     def list_again(self, marks: Marks) -> None:
-        """Make the list of a restart file anew, and keep it for floes as they are now."""
+        """Make the list of a restart file anew, where it has one, and keep it for floes as they are now."""
+        if not len(marks.way):
+            return
         number, x, y, walls, (room, travelled), stiffest = marks
         self.packed = self._pack(number, x, y)
         self._list(self.packed, walls, self.state.memory)

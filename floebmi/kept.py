@@ -27,9 +27,9 @@ class Memory(NamedTuple):
     pairs: PairList
     number: np.ndarray
 
-    def by_number(self, floes: int) -> PairList:
-        """The pairs that remember anything, in an order that depends on nothing but the numbers of the floes."""
-        return remembered(self.pairs, self.number, floes)
+    def by_number(self, floes: int) -> "Memory":
+        """Of the pairs that remember anything, in an order that depends on nothing but the numbers of so many floes."""
+        return Memory(remembered(self.pairs, self.number, floes), np.arange(floes))
 
 
 class Kept(NamedTuple):
