@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from floebmi.fields import Source
 
 Velocity = Callable[[np.ndarray, np.ndarray, float], "np.ndarray | float"]
-Kind = Literal["ocean", "wind"]
+Medium = Literal["ocean", "wind"]
 Vectors = Literal["auto", "east-north", "grid"]
 
 # Components along east and north, or along the source's own axes; None: the name does not tell.
@@ -90,7 +90,7 @@ _WRONG_ANGLE = 0.1
 
 
 __all__ = [
-    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors",
+    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Medium", "Vectors",
 ]  # fmt: skip
 
 
@@ -238,7 +238,7 @@ class VelocityFile:
         path: Source,
         grid: Grid,
         *,
-        kind: Kind = "ocean",
+        kind: Medium = "ocean",
         projection: str | None = None,
         variables: Sequence[str] | None = None,
         start: Date | None = None,
@@ -254,7 +254,7 @@ class VelocityFile:
         beyond_span: BeyondSpan = "error",
         calendar: Calendar | None = None,
     ) -> None:
-        check_word("kind", kind, get_args(Kind))
+        check_word("kind", kind, get_args(Medium))
         check_word("vectors", vectors, get_args(Vectors))
         check_word("stagger", stagger, get_args(Stagger))
         check_text("units", units)

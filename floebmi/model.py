@@ -82,7 +82,7 @@ from floebmi.parts import (
     listed_forces,
     refuse_strangers,
 )
-from floebmi.quantities import check, check_flag, check_table, is_number, words
+from floebmi.quantities import as_python, check, check_flag, check_table, is_number
 from floebmi.sampling import (
     Coverage,
     Weights,
@@ -838,7 +838,7 @@ class Model:
             f"├─ contact:{' none (free drift)' if self.contact is None else ''}",
         ]
         if self.contact is not None:
-            lines += [f"│  ├─ {words(part)}" for part in self.contact if part is not None]
+            lines += [f"│  ├─ {as_python(part)}" for part in self.contact if part is not None]
         lines.append(f"├─ forces:{'' if self.forces else ' none'}")
         for force in self.forces:
             fluid = self._fluid_of(force)

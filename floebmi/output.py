@@ -30,7 +30,7 @@ import floebmi
 from floebmi.cf import (
     FLAGS,
     GEOGRAPHIC,
-    Place,
+    GridInFile,
     define_grid,
     define_land,
     define_ledger,
@@ -202,21 +202,21 @@ class GriddedWriter(_GrowingFile):
         define_ledger(data)
         define_projection(data, self._projection)
         define_land(data, self._land, self._projection)
-        places: dict[int, Place] = {}
+        grids: dict[int, GridInFile] = {}
         for row in self._rows:
             grid = _grid_of(model, row)
-            if id(grid) not in places:
+            if id(grid) not in grids:
                 suffix = "" if grid is model.grid else f"_{row.grid}"
-                places[id(grid)] = define_grid(data, grid, suffix, self._projection)
-            place = places[id(grid)]
+                grids[id(grid)] = define_grid(data, grid, suffix, self._projection)
+            in_file = grids[id(grid)]
             variable = data.createVariable(
                 row.file_name,
                 "f8",
-                ("time", *place.dimensions),
+                ("time", *in_file.dimensions),
                 fill_value=np.nan,
-                **storage(place.grid.size, place.grid.shape),
+                **storage(grid.size, grid.shape),
             )
-            variable.setncatts({**describe(row), **place.attributes})
+            variable.setncatts({**describe(row), **in_file.attributes})
 
 
 @final
