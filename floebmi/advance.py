@@ -16,8 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from floebmi.arrays import all_within
-from floebmi.boundaries import Domain, edge_of
+from floebmi.boundaries import Domain, edge_of, leaving
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import (
@@ -44,13 +43,13 @@ from floebmi.forces import (
 from floebmi.kept import Kept, Marks, Memory
 from floebmi.kernels import BLOCK
 from floebmi.pack import (
+    Contacts,
     Packed,
     Stiffest,
     Survey,
     deepest,
     in_space,
     list_pairs,
-    look,
     pack,
     pack_again,
     paper_step,
@@ -61,6 +60,7 @@ from floebmi.pack import (
     stiffest,
     stock_of_each,
     survey,
+    touching_pairs,
     unpack,
     widest_gap,
 )
@@ -188,9 +188,9 @@ class Advance:
         state = self.state
         return pack(self.floes, number, x, y, self.density, state.previous, self.domain.origin)
 
-    def _list(self, at: Packed, walls: np.ndarray, old: Memory) -> None:
+    def _list(self, packed: Packed, walls: np.ndarray, old: Memory) -> None:
         """List the pairs of floes packed where they are or were, and floes near walls likewise."""
-        radius = at.floes["r"][~at.land]
+        radius = packed.floes["r"][~packed.land]
         smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
         octaves = np.log2(largest / smallest) if largest else 0.0
         self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
@@ -199,20 +199,20 @@ class Advance:
         few = math.sqrt(1.0 + FEW / max(len(radius), 1))
         width = min(max(NARROWEST, octaves) * few, WIDEST)
         # yet no floe may meet another on both sides of a period
-        widest = reach(at, self.contact, 0.0).max(initial=0.0)
+        widest = reach(packed, self.contact, 0.0).max(initial=0.0)
         room = [0.49 * period - 2.0 * widest for period in self.period if period]
         self.skin = max(self.closing, min([self.closing * width, *room]))
         place = np.full(len(self.floes), -1)
-        place[at.number] = np.arange(len(at.number))
+        place[packed.number] = np.arange(len(packed.number))
         self.pairs, self.tiles, self.tested = list_pairs(
-            at, self.contact, self.period, self.skin, old.pairs, old.number, place
+            packed, self.contact, self.period, self.skin, old.pairs, old.number, place
         )
         self.lists = Lists(
             *near_of(self.pairs, self.tiles.parts), self.tiles, room_for_blows(self.tiles.parts),
-            widest_gap(at, self.contact), NEAR * self.closing,
+            widest_gap(packed, self.contact), NEAR * self.closing,
         )  # fmt: skip
-        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
-        self._meet_walls(*self._near_walls(at, walls))
+        self.list_x, self.list_y, self.list_walls = packed.first_x, packed.first_y, walls
+        self._meet_walls(*self._near_walls(packed, walls))
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
@@ -289,14 +289,14 @@ class Advance:
         self._stiffest = None
         return True
 
-    def _near_walls(self, at: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _near_walls(self, packed: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of packed floe and number of wall that may touch, walls at these positions; coast, which may lie over a wall, is left out."""
         floes, numbers = [], []
         if self.contact is not None:
-            near, walls = at.floes["r"] + self.skin, self.state.walls
+            near, walls = packed.floes["r"] + self.skin, self.state.walls
             for w, (axis, side) in enumerate(zip(walls["axis"], walls["side"], strict=True)):
-                across = at.first_y if axis else at.first_x
-                close = np.flatnonzero((side * (across - positions[w]) < near) & ~at.land)
+                across = packed.first_y if axis else packed.first_x
+                close = np.flatnonzero((side * (across - positions[w]) < near) & ~packed.land)
                 floes.append(close)
                 numbers.append(np.full(len(close), w))
         nothing = [np.zeros(0, np.int64)]
@@ -331,28 +331,28 @@ class Advance:
     def finish(self) -> None:
         """Put everything back into the floes and the state, and close the books."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
-        self._wrap()
+        self.domain.bring_back(self.floes.x, self.floes.y)
         self._keep()
         self._book()
 
     def _renew(self) -> None:
         """Floes have strayed: who comes and goes, and does the list last?  If not, list them anew."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
-        leaving, new = self._come_and_go()
-        if len(leaving) or len(new) or not self._stray_on():
-            self._wrap()
-            self._list_with(leaving, new)
+        gone, new = self._come_and_go()
+        if len(gone) or len(new) or not self._stray_on():
+            self.domain.bring_back(self.floes.x, self.floes.y)
+            self._list_with(gone, new)
 
     def _come_and_go(self) -> tuple[np.ndarray, np.ndarray]:
         """Floes beyond an inactive edge become inactive, and feeders add new ones: the numbers of both."""
-        leaving = self._leaving()
-        self.floes.active[leaving] = False
+        gone = leaving(self.floes, self.domain)
+        self.floes.active[gone] = False
         added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
-        return leaving, np.concatenate(added) if added else np.empty(0, np.int64)
+        return gone, np.concatenate(added) if added else np.empty(0, np.int64)
 
-    def _list_with(self, leaving: np.ndarray, new: np.ndarray) -> None:
+    def _list_with(self, gone: np.ndarray, new: np.ndarray) -> None:
         """List anew without floes that have left, and with new ones."""
-        elastic = self.kept_energy() if len(leaving) else 0.0
+        elastic = self.kept_energy() if len(gone) else 0.0
         if len(new):
             self.state.fit(len(self.floes))
             draw_own(self.floes, self.contact, self.state.rng)
@@ -360,9 +360,9 @@ class Advance:
         self._touch()
         self._reorder()
         self._begin()
-        if len(leaving):
+        if len(gone):
             self._change_anew()
-            stock = floe_stock(self.floes, self._among(leaving), self.density)
+            stock = floe_stock(self.floes, self._among(gone), self.density)
             stock[3] -= self.kept_energy() - elastic
             self.state.ledger.book("outflow", *-stock)
         if len(new):
@@ -396,36 +396,6 @@ class Advance:
             previous[:, column] = force[name]
         walls.previous[:] = walls.force
 
-    def _wrap(self) -> None:
-        """Bring floes beyond a periodic seam to the other side.
-
-        As `Domain.brought_back` does, but for round-off; in place, and where no floe is out, as in most exchanges, it only
-        looks.
-        """
-        floes, domain = self.floes, self.domain
-        for place, (low, _), period in (
-            (floes.x, domain.x, self.period[0]),
-            (floes.y, domain.y, self.period[1]),
-        ):
-            if period is not None and not all_within(place, low, low + period):
-                place -= period * np.floor((place - low) / period)
-
-    def _leaving(self) -> np.ndarray:
-        """The numbers of those beyond an inactive edge, who leave for good."""
-        floes, domain = self.floes, self.domain
-        if "inactive" not in (domain.west, domain.east, domain.south, domain.north):
-            return np.empty(0, np.int64)
-        gone = np.zeros(len(floes), bool)
-        for place, (low, high), edges in (
-            (floes.x, domain.x, (domain.west, domain.east)),
-            (floes.y, domain.y, (domain.south, domain.north)),
-        ):
-            if edges[0] == "inactive":
-                gone |= place < low
-            if edges[1] == "inactive":
-                gone |= place > high
-        return np.flatnonzero(gone & floes.active & ~floes.land)
-
     # ---- stepping ----------------------------------------------------------------------------------
 
     def longest_step(self) -> float:
@@ -445,9 +415,9 @@ class Advance:
         """
         self.at, self.order, self.time = tuple(at), self.packed.number, time
         self._begin()
-        leaving, new = self._come_and_go()
-        if len(leaving) or len(new):
-            self._list_with(leaving, new)
+        gone, new = self._come_and_go()
+        if len(gone) or len(new):
+            self._list_with(gone, new)
         done = 0.0
         while done < duration:
             if self.travelled > NEARLY * self._reach():
@@ -552,14 +522,14 @@ class Advance:
     def _check(self, seen: Survey, dt: float, done: float) -> None:
         """Stop, before anything is handed on, when the floes left what the step resolves."""
         p = self.packed
-        at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
+        when = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         if not seen.finite:
             with np.errstate(over="ignore"):
                 moving = [p.floes["x"], p.floes["y"], p.floes["u"] ** 2 + p.floes["v"] ** 2]
             moving += [] if p.spinning is None else [p.spinning["omega"], p.angle]
             floe = p.number[np.argmax(~np.isfinite(moving).all(axis=0))]
             raise StabilityError(
-                f"floe {floe}: position or velocity is no longer finite {at}; "
+                f"floe {floe}: position or velocity is no longer finite {when}; "
                 f"a step of {0.5 * dt:g} s may hold"
             )
         self.liveliest = max(self.liveliest, seen.energy)
@@ -567,9 +537,9 @@ class Advance:
         if self.contact is not None:
             # a contact may have stopped it
             self._check_pace(max(seen, before, key=lambda each: each.pace), dt, done)
-            self._check_walls(at)
+            self._check_walls(when)
             if self.contact.failure is None:  # else floes raft: one lies over the other
-                self._check_overlaps(at)
+                self._check_overlaps(when)
 
     def _check_pace(self, seen: Survey, dt: float, done: float) -> None:
         """Stop where a floe would miss another on its way, or has missed it."""
@@ -582,19 +552,19 @@ class Advance:
                 f"a step of {0.1 * dt / way:.2g} s would hold"
             )
 
-    def _check_overlaps(self, at: str) -> None:
+    def _check_overlaps(self, when: str) -> None:
         p = self.packed
         pair, share = deepest(*self.period, p.floes, self.lists.near)
         if share > 1.0:
             one, other = p.number[[self.pairs.i[pair], self.pairs.j[pair]]]
             modulus = self.contact.elastic.youngs_modulus
             raise StabilityError(
-                f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
+                f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {when}; "
                 f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
                 f"now {modulus:.2g}, may hold"
             )
 
-    def _check_walls(self, at: str) -> None:
+    def _check_walls(self, when: str) -> None:
         """Stop where the centre of a floe has passed a wall."""
         p, floe = self.packed, self.walls.floe
         if not len(floe):
@@ -609,19 +579,34 @@ class Advance:
             k = int(np.argmax(passed))
             raise StabilityError(
                 f"floe {p.number[floe[k]]}: its centre is {passed[k]:.2g} m behind the wall in the "
-                f"{edge_of(walls[k])} {at}; the wall goes too far, or the ice is too soft for the blow or the load: its "
+                f"{edge_of(walls[k])} {when}; the wall goes too far, or the ice is too soft for the blow or the load: its "
                 f"youngs_modulus is {self.contact.elastic.youngs_modulus:.2g} Pa"
             )
 
     # ---- books -------------------------------------------------------------------------------------
 
+    def _touching(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `pack.touching_pairs`."""
+        p, lists = self.packed, self.lists
+        return touching_pairs(
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, lists.near, lists.pairs
+        )  # fmt: skip
+
+    def contacts(self) -> Contacts:
+        """The pairs that push or hold each other, and their forces."""
+        p, pairs = self.packed, self.pairs
+        touching, rows = self._touching()
+        i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
+        order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
+        values = [column[order] for column in rows.T]
+        values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
+        values[7] = values[7] > 0
+        return Contacts(i[order], j[order], *values)
+
     def elastic_energy(self) -> float:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
-        _, rows = look(
-            self.contact, *self.period, p.floes, p.friction, p.tensile_strength,
-            self.lists.near, self.lists.pairs,
-        )  # fmt: skip
+        _, rows = self._touching()
         energy = float(rows[:, -1].sum())
         floe, number = self.walls.floe, self.walls.number
         if len(floe):

@@ -37,7 +37,7 @@ This module imports little, so that `floebmi.FloeBmi` can be there as soon as th
 import os
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -46,6 +46,7 @@ import numpy as np
 from bmipy import Bmi
 
 from floebmi import variables
+from floebmi.alone import alone
 from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.bmi_layout import Layout, layout_of
 from floebmi.bmi_totals import SCALARS, Scalar
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from floebmi.floes import Floes
     from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
+    from floebmi.grid import Grid
     from floebmi.model import Model
     from floebmi.scene import Scene
 
@@ -158,11 +160,9 @@ class _Running:
             return FLOES
         return AIR if row.grid == "atmosphere" and AIR in self.layouts else CELLS
 
-    def wet_of(self, row: Variable) -> np.ndarray:
-        return self._fluid(row.home.partition(".")[0]).grid.wet
-
-    def shape_of(self, row: Variable) -> tuple[int, ...]:
-        return self._fluid(row.home.partition(".")[0]).grid.shape
+    def cells_of(self, row: Variable) -> "Grid":
+        """The grid on which a host sets an input."""
+        return self._fluid(row.home.partition(".")[0]).grid
 
     def _fluid(self, name: str) -> "Fluid":
         return getattr(self.model, name)
@@ -195,22 +195,15 @@ class _Running:
 
         If it fails, all is as before.
         """
-        with self.alone("update"):
-            self._advance(until)
-
-    def alone(self, call: str) -> AbstractContextManager[None]:
-        """No other thread at the model meanwhile; InputError if one is already."""
-        from floebmi.alone import alone
-
-        return alone(self.model, call)
-
-    def _advance(self, until: float) -> None:
-        rest = until - self.model.time
-        count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
-        # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
-        plain = count == 1 and not self.sources and not self.capacity and self.checkpoint is None
-        with nullcontext() if plain else self.unchanged_on_failure():
-            self._exchanges(until, rest, count)
+        with alone(self.model, "update"):
+            rest = until - self.model.time
+            count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
+            # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
+            plain = (
+                count == 1 and not self.sources and not self.capacity and self.checkpoint is None
+            )
+            with nullcontext() if plain else self.unchanged_on_failure():
+                self._exchanges(until, rest, count)
 
     def _exchanges(self, until: float, rest: float, count: int) -> None:
         model = self.model
@@ -261,7 +254,9 @@ class _Running:
         if self._is_of_the_floes(name):
             self.follow_edits()
         if name not in self.asked:
-            with self.alone(name):  # an update in another thread goes through what was asked for
+            with alone(
+                self.model, name
+            ):  # an update in another thread goes through what was asked for
                 self._write(name)
                 self.asked.add(name)
         return self.values[name]
@@ -276,12 +271,12 @@ class _Running:
 
     def follow_edits(self) -> None:
         """Write the outputs anew if somebody has changed the floes since: they are of the floes as they are."""
-        if self.model._look() is self.shown:
+        if self.model._known() is self.shown:
             return
         means = dict(self.means)
         if any(name in means for name in PER_ICE_AREA):
             means |= self._per_ice_area(means)
-        with self.alone("get_value"):
+        with alone(self.model, "get_value"):
             self.show(means)
 
     def _per_ice_area(self, means: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -323,7 +318,7 @@ class _Running:
         if set(state) != {"model", "mean", "driven_by_scene"}:
             raise InputError(f"{path}: not a state that save_state of this component wrote")
         refuse_other_start(self.start, self.calendar, told)
-        with self.alone("load_state"), self.unchanged_on_failure():
+        with alone(self.model, "load_state"), self.unchanged_on_failure():
             self.model.restore(state["model"])
             if self.capacity:
                 _check_capacity(self.model.floes, self.capacity)
@@ -518,7 +513,7 @@ class FloeBmi(Bmi):
         return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
-        """The array itself: right after every update, until `finalize`."""
+        """The array itself, which every update writes anew until `finalize`."""
         return self._array(name)
 
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
@@ -528,20 +523,20 @@ class FloeBmi(Bmi):
 
     def set_value(self, name: str, src: np.ndarray) -> None:
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
-        row, values = self._input(name)
-        given = flat(name, numbers_of(name, src, values.size), self._now("set_value").shape_of(row))
+        now, row, values = self._input(name)
+        given = flat(name, numbers_of(name, src, values.size), now.cells_of(row).shape)
         self._refuse_not_finite(row, given, None)
         values[:] = given
-        self._now("set_value").taken_over(row)
+        now.taken_over(row)
 
     def set_value_at_indices(self, name: str, inds: np.ndarray, src: np.ndarray) -> None:
         """Set an input in some cells."""
-        row, values = self._input(name)
+        now, row, values = self._input(name)
         inds = indices_of(name, inds, values.size)
         given = numbers_of(name, src, inds.size).ravel()
         self._refuse_not_finite(row, given, inds)
         values[inds] = given
-        self._now("set_value_at_indices").taken_over(row)
+        now.taken_over(row)
 
     def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray | None) -> None:
         from floebmi.arrays import all_finite
@@ -549,7 +544,7 @@ class FloeBmi(Bmi):
         if all_finite(given):
             return
         finite = np.isfinite(given)
-        wet = self._now("set_value").wet_of(row)
+        wet = self._now(row.csdms).cells_of(row).wet
         wrong = ~finite & (wet if inds is None else wet[inds])
         if wrong.any():
             k = int(np.argmax(wrong))
@@ -647,12 +642,12 @@ class FloeBmi(Bmi):
         self._row(name)
         return self._now(name).array(name)
 
-    def _input(self, name: str) -> tuple[Variable, np.ndarray]:
+    def _input(self, name: str) -> tuple[_Running, Variable, np.ndarray]:
         row, values = self._row(name), self._array(name)
         if not _is_input(row):
             inputs = ", ".join(self.get_input_var_names()) or "none"
             raise InputError(f"{name}: is an output, and cannot be set; inputs: {inputs}")
-        return row, values
+        return self._now(name), row, values
 
     def _layout(self, grid: int) -> Layout:
         layouts = self._now("grid").layouts

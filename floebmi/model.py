@@ -73,7 +73,7 @@ from floebmi.gridding import (
 from floebmi.kept import Memory, marks
 from floebmi.kernels import BLOCK
 from floebmi.overlaps import refuse_over_walls, refuse_overlaps
-from floebmi.pack import Contacts, look
+from floebmi.pack import Contacts
 from floebmi.pairs import PairList
 from floebmi.parts import (
     check_kinds,
@@ -106,7 +106,7 @@ class _Seen:
     """What was found out about the floes as they are at one moment; each thing once.
 
     floes : a copy of them then, to know whether they are still so
-    list : the floes packed, with their neighbours and contact forces
+    advance : the floes packed, with their neighbours and contact forces
     contacts : the pairs that push or hold each other
     """
 
@@ -114,7 +114,7 @@ class _Seen:
         self, floes: Floes, period: tuple[float | None, float | None], sampling: str
     ) -> None:
         self.floes, self._period, self._sampling = floes, period, sampling
-        self.list: Advance | None = None
+        self.advance: Advance | None = None
         self.contacts: Contacts | None = None
         self._coverage: dict[Grid, Coverage] = {}
         self._weights: dict[Grid, Weights] = {}
@@ -233,7 +233,7 @@ class Model:
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
         self._state.memory = now.memory()
-        self._seen.list = None
+        self._seen.advance = None
         self._built = True
 
     def _make_fluids(self, atmosphere_grid: Grid) -> None:
@@ -316,7 +316,7 @@ class Model:
             for force in self.forces
         )
 
-    def _look(self) -> _Seen:
+    def _known(self) -> _Seen:
         """What is known about the floes as they are now; forgotten when they change."""
         refuse_another(self, "model")
         draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
@@ -331,15 +331,15 @@ class Model:
     def _now(self, seen: _Seen | None = None) -> Advance:
         """The packed floes with their contact forces, to look at; nothing is counted.
 
-        seen : what `_look` has just returned, so as not to look again; so in the methods below
+        seen : what `_known` has just returned, so as not to compare all floes again
         """
-        seen = seen or self._look()
-        if seen.list is None:
+        seen = seen or self._known()
+        if seen.advance is None:
             self._state.fit(len(self.floes))
             now = self._advance()
             now.look(self._state.kept_for(seen.floes))
-            seen.list = now  # whole: Ctrl-C may come at any time
-        return seen.list
+            seen.advance = now  # whole: Ctrl-C may come at any time
+        return seen.advance
 
     def _advance(self) -> Advance:
         return Advance(
@@ -379,11 +379,11 @@ class Model:
         """One exchange with the fluids; all of it or nothing."""
         for name, fluid in self._fluids.items():
             fluid.refuse_not_finite(name, self.time)
-        seen = self._look()
+        seen = self._known()
         known = len(self.floes)
         advance, weights = self._ready(seen)
         before = self._state.copy()
-        seen.list = None  # the steps use it up, even if they fail
+        seen.advance = None  # the steps use it up, even if they fail
         try:
             if seen is not self._left:
                 self._book_edits(advance)
@@ -463,12 +463,12 @@ class Model:
         """
         grid = self.grid if grid is None else grid
         check_grid("grid", grid)
-        return self._look().coverage(grid)
+        return self._known().coverage(grid)
 
     def weights(self, grid: Grid) -> Weights:
         """Floe-grid weights at the present places, on a grid."""
         check_grid("grid", grid)
-        return self._look().weights(grid)
+        return self._known().weights(grid)
 
     def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
         """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
@@ -578,10 +578,10 @@ class Model:
         if not self.counters.steps:
             raise InputError("seconds_per_step: no step was taken yet; advance the model first")
         with alone(self, "seconds_per_step"):
-            seen = self._look()
+            seen = self._known()
             before = self._state.copy()
             advance, _ = self._ready(seen)
-            seen.list = None  # the steps use it up
+            seen.advance = None  # the steps use it up
             try:
                 return advance.seconds_per_step(self._at, steps, without)
             finally:
@@ -615,23 +615,10 @@ class Model:
 
     def contacts(self) -> Contacts:
         """The pairs that push or hold each other now, and their forces."""
-        seen = self._look()
+        seen = self._known()
         if seen.contacts is None:
-            seen.contacts = self._find_contacts(self._now(seen))
+            seen.contacts = self._now(seen).contacts()
         return seen.contacts
-
-    def _find_contacts(self, now: Advance) -> Contacts:
-        p, pairs = now.packed, now.pairs
-        touching, rows = look(
-            now.contact, *self.domain.period, p.floes, p.friction, p.tensile_strength,
-            now.lists.near, now.lists.pairs,
-        )  # fmt: skip
-        i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
-        order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
-        values = [column[order] for column in rows.T]
-        values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
-        values[7] = values[7] > 0
-        return Contacts(i[order], j[order], *values)
 
     def fields(self) -> dict[str, np.ndarray]:
         """Gridded output by the short names of `variables.VARIABLES`, flat arrays of shape (grid.size,).
@@ -736,7 +723,7 @@ class Model:
 
     def __getstate__(self) -> dict[str, object]:
         """What a copy or a pickle is made of: of the list of neighbours, whose arrays share memory, its marks."""
-        kept, s = self._state.kept_for(self._look().floes), self._state
+        kept, s = self._state.kept_for(self._known().floes), self._state
         return vars(self) | {
             "_state": replace(s, memory=s.memory.by_number(len(self.floes)), kept=None),
             "_marks": marks(kept, s.memory.number),
@@ -758,7 +745,7 @@ class Model:
             "scene": self._scene,
             "time": self.time,
             "last_duration": self._last_duration,
-            **self._state.saved(self._look().floes),
+            **self._state.saved(self._known().floes),
         }
         state |= {f"floes_{name}": values for name, values in self.floes.columns().items()}
         for what, fluid in self._fluids.items():

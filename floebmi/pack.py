@@ -499,7 +499,7 @@ class Contacts(NamedTuple):
     energy: np.ndarray
 
 
-def look(law, period_x, period_y, floes, mu, sigma, near, pairs):
+def touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs):
     """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy.
 
     near, pairs : the short list, as steps or a look at the forces leave it; the others cannot touch
@@ -508,12 +508,12 @@ def look(law, period_x, period_y, floes, mu, sigma, near, pairs):
     if law is None or room == 0:
         return np.empty(0, np.int64), np.empty((0, 9))
     touching, rows = np.empty(room, np.int64), np.empty((room, 9))
-    n = _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows)
+    n = _touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows)
     return touching[:n], rows[:n]
 
 
 @in_place
-def _look(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows):
+def _touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows):
     m = 0
     for part in range(near.counts.size):
         first = near.parts[part] + LANES * part

@@ -25,7 +25,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, PairList, look
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, PairList, touching_pairs
 from floebmi.packing import relax
 from floebmi.pairs import (
     BLOW,
@@ -70,7 +70,7 @@ def force_and_energy(law, gap, slip, bonded):
     near, close = near_of(pairs, np.array([0, 1]))
     near.slot[0], near.i[0], near.j[0], near.counts[0] = 0, 0, 1, 1
     close.block[:, 0] = block[:, 0]
-    _, rows = look(law, None, None, place, None, None, near, close)
+    _, rows = touching_pairs(law, None, None, place, None, None, near, close)
     return (-rows[0, 4], rows[0, 8]) if len(rows) else (0.0, 0.0)
 
 
