@@ -50,7 +50,7 @@ OUTPUTS = [f"sea_ice_bottom_water_flowing__{a}_z_component_of_stress" for a in "
 PARTS = {  # function: what it is; parts of the one above are set in
     "set_value": "set the inputs",
     "state": "keep the state, should the call fail",
-    "_check_fluids": "look for NaN in the fluids",
+    "refuse_not_finite": "look for NaN in the fluids",
     "check": "look for NaN in the floes",
     "_allocate": "drag of each floe",
     "_sample": "read the fluids at the floes",
@@ -59,7 +59,7 @@ PARTS = {  # function: what it is; parts of the one above are set in
     "half_curl": "  curl of the fluids",
     "_now": "pack the floes, list their neighbours, find their forces",
     "in_space": "  sort them, for a fresh list",
-    "list_pairs": "  list their pairs",
+    "_list_pairs": "  list their pairs",
     "stiffest": "the stable step",
     "_kernel": "one step",
     "finish": "unpack, keep the list",

@@ -23,7 +23,6 @@ from floebmi.dynamics import (
     NEARLY,
     Books,
     Laws,
-    Lists,
     Marked,
     Step,
     Walls,
@@ -40,45 +39,19 @@ from floebmi.forces import (
     in_order,
     speed_bound,
 )
-from floebmi.kept import Kept, Marks, Memory
+from floebmi.kept import Kept, Marks
 from floebmi.kernels import BLOCK
-from floebmi.pack import (
-    Contacts,
-    Packed,
-    Stiffest,
-    Survey,
-    deepest,
-    in_space,
-    list_pairs,
-    pack,
-    pack_again,
-    paper_step,
-    places,
-    pressed,
-    reach,
-    stable_step,
-    stiffest,
-    stock_of_each,
-    survey,
-    touching_pairs,
-    unpack,
-    widest_gap,
-)
-from floebmi.pairs import emptied, near_of, room_for_blows
+from floebmi.listing import Memory, list_neighbours
+from floebmi.pack import Packed, in_space, pack, pack_again, places, unpack
+from floebmi.pairs import emptied
+from floebmi.stable_step import Stiffest, paper_step, stable_step, stiffest
 from floebmi.state import State
+from floebmi.survey import Contacts, Survey, deepest, pressed, stock_of_each, survey, touching_pairs
 from floebmi.taylor import taylor
 from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
 MOST_STEPS = 1e12  # of one exchange: they would take hours for a single floe
-# Three widths, each a gap up to which pairs are listed, from the widest to the narrowest:
-#   skin     the list of pairs: it holds until floes have strayed by half of it
-#   closing  pairs that count in the stable step: it holds until floes have strayed by half of that
-#   near     the short list at least (see `dynamics.wide_enough`)
-CLOSING = 0.3  # of the smallest radius, or up to three times that where sizes differ
-NARROWEST, WIDEST = 3.0, 6.0  # skin over closing
-FEW = 3000  # floes: making a list has a cost that does not depend on their number, and is that of listing so many
-NEAR = 0.05  # near over closing
 
 
 class Advance:
@@ -87,17 +60,17 @@ class Advance:
     `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
     the work.
 
-    The list holds all pairs that may touch before two floes have come nearer to each other by `skin` [m]; the step is
-    found from the pairs that may touch before two floes have come nearer by `closing` [m].
+    The list holds all pairs that may touch before two floes have come nearer to each other by its skin; the step is
+    found from the pairs that may touch before two floes have come nearer by its closing (see listing.py).
 
     Attributes
     ----------
     packed : the floes in a kernel's order; order : their numbers in the tables of the forces
-    pairs, tiles, lists, walls : the list of pairs, the tiles it is made of, its short lists, and who is near a wall
-    skin, closing : as above [m]
+    pairs, listed : the list of pairs, and where and how widely it was made
+    lists, walls : its tiles and short lists, and who is near a wall
     room, travelled : how far floes may stray until the list is stale, and how far they have [m]
     near : whether the short lists are of the present place
-    before : how the floes fare now (`pack.Survey`), and next steps begin
+    before : how the floes fare now (`survey.Survey`), and next steps begin
     at : table of each force, while it runs
     held, lost, liveliest : sums of `dynamics.Books` on the way, and the highest kinetic energy [J]
     lag : of the other forces behind the floes, see `dynamics.time_to_push`
@@ -143,7 +116,7 @@ class Advance:
         """Pack the floes, and list their neighbours where they are now; old : what pairs remember so far."""
         begin = perf_counter()
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
-        self._list(self.packed, self.state.walls.position.copy(), old)
+        self._list(self.state.walls.position.copy(), old)
         self.state.seconds.lists += perf_counter() - begin
         self.fresh = True
         self.room = self._half_skin()
@@ -159,11 +132,9 @@ class Advance:
             self.packed = self._pack(number, *here)
         else:
             self.packed = pack_again(kept.packed, self.floes, *here, self.state.previous)
-        self.list_x, self.list_y, self.list_walls = kept.x, kept.y, kept.walls
-        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.lists.tiles
-        self.pairs = pairs.copy()
+        self.listed, self.pairs = kept.listed, pairs.copy()
         self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
-        self._meet_walls(kept.wall_floe, kept.wall_number)
+        self._meet_walls(self.listed.wall_floe, self.listed.wall_number)
         self.fresh = False
         self.room, self._stiffest, self.before = kept.room, kept.stiffest, kept.survey
         self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
@@ -176,7 +147,7 @@ class Advance:
             return
         number, x, y, walls, (room, travelled), stiffest = marks
         self.packed = self._pack(number, x, y)
-        self._list(self.packed, walls, self.state.memory)
+        self._list(walls, self.state.memory)
         self.room, self.travelled, self._stiffest = float(room), float(travelled), None
         self.before = None
         if len(stiffest):
@@ -188,31 +159,12 @@ class Advance:
         state = self.state
         return pack(self.floes, number, x, y, self.density, state.previous, self.domain.origin)
 
-    def _list(self, packed: Packed, walls: np.ndarray, old: Memory) -> None:
-        """List the pairs of floes packed where they are or were, and floes near walls likewise."""
-        radius = packed.floes["r"][~packed.land]
-        smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
-        octaves = np.log2(largest / smallest) if largest else 0.0
-        self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        # the list is widest where sizes differ much, since then few pairs are close, and where floes are few: with a skin of
-        # w closings steps cost in proportion to w n, making lists to (n + FEW)/w; the sum is least at w² = 1 + FEW/n
-        few = math.sqrt(1.0 + FEW / max(len(radius), 1))
-        width = min(max(NARROWEST, octaves) * few, WIDEST)
-        # yet no floe may meet another on both sides of a period
-        widest = reach(packed, self.contact, 0.0).max(initial=0.0)
-        room = [0.49 * period - 2.0 * widest for period in self.period if period]
-        self.skin = max(self.closing, min([self.closing * width, *room]))
-        place = np.full(len(self.floes), -1)
-        place[packed.number] = np.arange(len(packed.number))
-        self.pairs, self.tiles, self.tested = list_pairs(
-            packed, self.contact, self.period, self.skin, old.pairs, old.number, place
-        )
-        self.lists = Lists(
-            *near_of(self.pairs, self.tiles.parts), self.tiles, room_for_blows(self.tiles.parts),
-            widest_gap(packed, self.contact), NEAR * self.closing,
+    def _list(self, positions: np.ndarray, old: Memory) -> None:
+        """List the neighbours of the floes where they are packed, with the walls at these positions [m]."""
+        self.listed, self.pairs, self.lists, self.tested = list_neighbours(
+            self.packed, self.contact, self.period, self.state.walls, positions, old, len(self.floes)
         )  # fmt: skip
-        self.list_x, self.list_y, self.list_walls = packed.first_x, packed.first_y, walls
-        self._meet_walls(*self._near_walls(packed, walls))
+        self._meet_walls(self.listed.wall_floe, self.listed.wall_number)
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
@@ -222,8 +174,7 @@ class Advance:
         """Leave the list to the next exchange, with what its pairs remember; from here on nobody may change these arrays."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
-            self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
-            self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
+            self.listed, self.lists, self.room, self.travelled, self._stiffest, self.floes.copy(),
             self.packed, self.before,
         )  # fmt: skip
 
@@ -234,7 +185,7 @@ class Advance:
             begin = perf_counter()
             walls = self.walls._replace(walls=self.state.walls)
             self._stiffest = stiffest(
-                self.contact, self.packed, self.pairs, self.period, walls, self.closing
+                self.contact, self.packed, self.pairs, self.period, walls, self.listed.closing
             )
             self.state.seconds.lists += perf_counter() - begin
         return self._stiffest
@@ -283,24 +234,11 @@ class Advance:
 
     def _stray_on(self) -> bool:
         """Whether the list of pairs still has room; if so, it is kept, and only what sets the step is to be found anew."""
-        if self.room - self.travelled <= 0.5 * self.closing:
+        if self.room - self.travelled <= 0.5 * self.listed.closing:
             return False
         self._mark_anew()
         self._stiffest = None
         return True
-
-    def _near_walls(self, packed: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs of packed floe and number of wall that may touch, walls at these positions; coast, which may lie over a wall, is left out."""
-        floes, numbers = [], []
-        if self.contact is not None:
-            near, walls = packed.floes["r"] + self.skin, self.state.walls
-            for w, (axis, side) in enumerate(zip(walls["axis"], walls["side"], strict=True)):
-                across = packed.first_y if axis else packed.first_x
-                close = np.flatnonzero((side * (across - positions[w]) < near) & ~packed.land)
-                floes.append(close)
-                numbers.append(np.full(len(close), w))
-        nothing = [np.zeros(0, np.int64)]
-        return np.concatenate(floes or nothing), np.concatenate(numbers or nothing)
 
     def _meet_walls(self, floe: np.ndarray, number: np.ndarray) -> None:
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
@@ -321,7 +259,7 @@ class Advance:
         self.near = True  # the short list is of the present place
 
     def _books(self) -> Books:
-        parts = len(self.tiles.parts) - 1
+        parts = len(self.lists.tiles.parts) - 1
         return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
 
     def _close(self, books: Books) -> None:
@@ -479,15 +417,17 @@ class Advance:
 
     def _reach(self) -> float:
         """How far floes may stray from their marks [m] before something has to be looked at anew."""
-        bounded = self.contact is not None and self.closing > 0.0
-        return min(self.room, 0.5 * self.closing) if bounded else self.room
+        bounded = self.contact is not None and self.listed.closing > 0.0
+        return min(self.room, 0.5 * self.listed.closing) if bounded else self.room
 
     def _half_skin(self) -> float:
         if self.packed.land.all():  # also where there are no floes
             return np.inf
         # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
         return (
-            0.5 * self.skin if self.contact is not None else 0.05 * float(np.sqrt(self.domain.area))
+            0.5 * self.listed.skin
+            if self.contact is not None
+            else 0.05 * float(np.sqrt(self.domain.area))
         )
 
     def _kernel(self, dt: float, steps: int) -> int:
@@ -502,7 +442,7 @@ class Advance:
             substeps = np.maximum(1, parts).astype(np.int64)
             rest = dt, steps, substeps, self.marked, *room, self.step.drag_every, self.lag
             scene = *scene, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
-            if len(self.tiles.chunks) == 2:
+            if len(self.lists.tiles.chunks) == 2:
                 done = verlet(*scene, *rest, self.buffers)
             else:
                 done = verlet_in_threads(self.threads, *scene, *rest)
@@ -586,7 +526,7 @@ class Advance:
     # ---- books -------------------------------------------------------------------------------------
 
     def _touching(self) -> tuple[np.ndarray, np.ndarray]:
-        """See `pack.touching_pairs`."""
+        """See `survey.touching_pairs`."""
         p, lists = self.packed, self.lists
         return touching_pairs(
             self.contact, *self.period, p.floes, p.friction, p.tensile_strength, lists.near, lists.pairs

@@ -70,10 +70,10 @@ from floebmi.gridding import (
     per_area,
     pressure,
 )
-from floebmi.kept import Memory, marks
+from floebmi.kept import marks
 from floebmi.kernels import BLOCK
+from floebmi.listing import Memory
 from floebmi.overlaps import refuse_over_walls, refuse_overlaps
-from floebmi.pack import Contacts
 from floebmi.pairs import PairList
 from floebmi.parts import (
     check_kinds,
@@ -94,6 +94,7 @@ from floebmi.sampling import (
     without_cell,
 )
 from floebmi.state import Counters, Seconds, State
+from floebmi.survey import Contacts
 from floebmi.variables import PER_ICE_AREA
 
 Out = Mapping[str, np.ndarray] | None
@@ -408,8 +409,7 @@ class Model:
         vars(self).update(after)
         if drag is not None:
             self.ocean._drag = drag
-        for of_grid, fluids in impulses:
-            give_back(*of_grid, fluids)
+        self._give_back(impulses)
 
     def _ready(self, seen: _Seen) -> tuple[Advance, dict[int, Weights]]:
         """What steps begin with: packed floes, what the forces read at them, and the weights they read it with, by grid."""
@@ -512,7 +512,7 @@ class Model:
     def _impulses(
         self, weights: dict[int, Weights], order: np.ndarray
     ) -> tuple[list[tuple], tuple | None]:
-        """The impulses of drag on floes, for `gridding.give_back`, and what the sizes of the ocean's drag are computed from.
+        """The impulses of drag on floes, for `_give_back`, and what the sizes of the ocean's drag are computed from.
 
         For each grid its weights with the order of floes, and of each fluid on it the impulses and where they go.
         """
@@ -531,6 +531,12 @@ class Model:
             ((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in by_grid.items()
         ]
         return impulses, drag
+
+    @staticmethod
+    def _give_back(impulses: list[tuple]) -> None:
+        """The fluids get the opposite of the impulse that their drag gave."""
+        for weights, fluids in impulses:
+            give_back(*weights, fluids)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""

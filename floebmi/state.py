@@ -15,7 +15,8 @@ import numpy as np
 from floebmi.boundaries import Feeder, walls_of_state
 from floebmi.budgets import Ledger
 from floebmi.floes import Floes
-from floebmi.kept import Kept, Marks, Memory, marks
+from floebmi.kept import Kept, Marks, marks
+from floebmi.listing import Memory
 from floebmi.pairs import MEMORIES, PairList
 
 _OF_FLOES = {"previous": 3, "remainder": 2}  # columns of what is kept per floe outside of `Floes`

@@ -25,18 +25,20 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, PairList, touching_pairs
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING
 from floebmi.packing import relax
 from floebmi.pairs import (
     BLOW,
     BONDS,
     FRICTION,
     Inverse,
+    PairList,
     near_of,
     note_blows,
     remembering,
     strike_floes,
 )
+from floebmi.survey import touching_pairs
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
