@@ -69,6 +69,7 @@ class Advance:
     pairs, listed : the list of pairs, and where and how widely it was made
     lists, walls : its tiles and short lists, and who is near a wall
     room, travelled : how far floes may stray until the list is stale, and how far they have [m]
+    tested : pairs tested to make the list; None of one that was kept, and counted before
     near : whether the short lists are of the present place
     before : how the floes fare now (`survey.Survey`), and next steps begin
     at : table of each force, while it runs
@@ -118,7 +119,6 @@ class Advance:
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
         self._list(self.state.walls.position.copy(), old)
         self.state.seconds.lists += perf_counter() - begin
-        self.fresh = True
         self.room = self._half_skin()
         self._stiffest: Stiffest | None = None
         self.before: Survey | None = None
@@ -134,8 +134,8 @@ class Advance:
             self.packed = pack_again(kept.packed, self.floes, *here, self.state.previous)
         self.listed, self.pairs = kept.listed, pairs.copy()
         self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
-        self._meet_walls(self.listed.wall_floe, self.listed.wall_number)
-        self.fresh = False
+        self._meet_walls()
+        self.tested = None
         self.room, self._stiffest, self.before = kept.room, kept.stiffest, kept.survey
         self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
         if self._stiffest is None:  # it will be found for where the floes are now
@@ -161,10 +161,11 @@ class Advance:
 
     def _list(self, positions: np.ndarray, old: Memory) -> None:
         """List the neighbours of the floes where they are packed, with the walls at these positions [m]."""
+        self.tested: int | None
         self.listed, self.pairs, self.lists, self.tested = list_neighbours(
             self.packed, self.contact, self.period, self.state.walls, positions, old, len(self.floes)
         )  # fmt: skip
-        self._meet_walls(self.listed.wall_floe, self.listed.wall_number)
+        self._meet_walls()
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
@@ -196,7 +197,7 @@ class Advance:
             self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
         self.rate = self._rate_of_forces()
-        if self.fresh:
+        if self.tested is not None:
             counters = self.state.counters
             counters.rebuilds += 1
             counters.tested += self.tested
@@ -240,7 +241,9 @@ class Advance:
         self._stiffest = None
         return True
 
-    def _meet_walls(self, floe: np.ndarray, number: np.ndarray) -> None:
+    def _meet_walls(self) -> None:
+        """Room for what happens between walls and the floes that are listed near them."""
+        floe, number = self.listed.wall_floe, self.listed.wall_number
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
         self.walls = Walls(
             self.state.walls if len(self.state.walls) else None, floe, number,
@@ -262,12 +265,8 @@ class Advance:
         parts = len(self.lists.tiles.parts) - 1
         return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
 
-    def _close(self, books: Books) -> None:
-        self.held += books.held.sum(axis=0)
-        self.lost += books.lost.sum(axis=0)
-
     def finish(self) -> None:
-        """Put everything back into the floes and the state, and close the books."""
+        """Put everything back into the floes and the state, and book what the ice gained and lost."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         self.domain.bring_back(self.floes.x, self.floes.y)
         self._keep()
@@ -299,7 +298,7 @@ class Advance:
         self._reorder()
         self._begin()
         if len(gone):
-            self._change_anew()
+            self._extrapolate_anew()
             stock = floe_stock(self.floes, self._among(gone), self.density)
             stock[3] -= self.kept_energy() - elastic
             self.state.ledger.book("outflow", *-stock)
@@ -321,11 +320,10 @@ class Advance:
         among[number] = True
         return among
 
-    def _change_anew(self) -> None:
-        """Let the last forces that `taylor3` extrapolates from be the present ones, of the floes that are still here.
+    def _extrapolate_anew(self) -> None:
+        """Let `taylor3` extrapolate from the present forces instead of those of the last step.
 
-        Those of the last step hold contacts with floes that have left: that these end would act on one floe of the pair
-        alone.
+        Among those are contacts with floes that have left since: their end would act on one floe of the pair alone.
         """
         previous, force, walls = self.packed.previous, self.packed.force, self.state.walls
         if previous is None:
@@ -358,7 +356,7 @@ class Advance:
             self._list_with(gone, new)
         done = 0.0
         while done < duration:
-            if self.travelled > NEARLY * self._reach():
+            if self._strayed_far():
                 self._renew()
             done = self._some_steps(done, duration)
         self.finish()
@@ -369,14 +367,14 @@ class Advance:
         """See `Model.seconds_per_step`; what the steps change stays changed, the caller goes back to what was before."""
         self.at, self.order, self.time = tuple(at), self.packed.number, math.nan
         self._begin()
-        if self.travelled > NEARLY * self._reach():
+        if self._strayed_far():
             self._renew()
         if without == "contacts":
             near, nobody = self.lists.near, np.zeros(0, np.int64)
-            nothing = np.zeros_like(near.parts), np.zeros_like(near.counts)
-            near = near._replace(parts=nothing[0], counts=nothing[1])
+            near = near._replace(parts=np.zeros_like(near.parts), counts=np.zeros_like(near.counts))
             self.lists = self.lists._replace(near=near)
-            self._meet_walls(nobody, nobody)
+            self.listed = self.listed._replace(wall_floe=nobody, wall_number=nobody)
+            self._meet_walls()
         if without == "forces":
             self.lag[:] = -math.inf, math.inf  # ahead for ever
         begin = perf_counter()
@@ -385,21 +383,7 @@ class Advance:
 
     def _some_steps(self, done: float, duration: float) -> float:
         """Steps until the time is reached or the list may be stale; returns the time reached."""
-        rest, dt = duration - done, self.longest_step()
-        if self.step.length is None and self.step.epsilon is None and self.contact is None:
-            # nothing else says how long a way at one velocity may be
-            dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
-        if rest / MOST_STEPS > dt:
-            raise StabilityError(
-                f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
-                f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"
-            )
-        if self.step.length is None and self.step.epsilon is None:
-            steps = max(1, int(np.ceil(rest / dt - 1e-9)))
-            dt = rest / steps
-        else:
-            steps = max(1, int(rest / dt + 1e-9))  # a shorter one ends the interval
-            dt = min(dt, rest)
+        dt, steps = self._steps_for(duration - done, done)
         taken = 0
         self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
         while taken < steps:
@@ -410,10 +394,33 @@ class Advance:
             self._count(n, dt)
             self._check(Survey(*survey(self.packed)), dt, done + taken * dt)
             self.travelled = strayed(self.packed.floes, self.walls.walls, self.marked)
-            if self.travelled > NEARLY * self._reach():
+            if self._strayed_far():
                 break
         reached = done + taken * dt
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
+
+    def _steps_for(self, rest: float, done: float) -> tuple[float, int]:
+        """Length [s] and number of the steps for the rest of an exchange [s], of which `done` seconds are over."""
+        dt, told = (
+            self.longest_step(),
+            self.step.length is not None or self.step.epsilon is not None,
+        )
+        if not told and self.contact is None:
+            # nothing else says how long a way at one velocity may be
+            dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
+        if rest / MOST_STEPS > dt:
+            raise StabilityError(
+                f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
+                f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"
+            )
+        if told:  # a shorter one ends the interval
+            return min(dt, rest), max(1, int(rest / dt + 1e-9))
+        steps = max(1, int(np.ceil(rest / dt - 1e-9)))
+        return rest / steps, steps
+
+    def _strayed_far(self) -> bool:
+        """Whether floes have strayed so far that something has to be looked at anew."""
+        return self.travelled > NEARLY * self._reach()
 
     def _reach(self) -> float:
         """How far floes may stray from their marks [m] before something has to be looked at anew."""
@@ -423,12 +430,11 @@ class Advance:
     def _half_skin(self) -> float:
         if self.packed.land.all():  # also where there are no floes
             return np.inf
-        # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
-        return (
-            0.5 * self.listed.skin
-            if self.contact is not None
-            else 0.05 * float(np.sqrt(self.domain.area))
-        )
+        if (
+            self.contact is None
+        ):  # the list only serves the edges: a floe may go a tenth of the domain beyond
+            return 0.05 * float(np.sqrt(self.domain.area))
+        return 0.5 * self.listed.skin
 
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
@@ -446,7 +452,8 @@ class Advance:
                 done = verlet(*scene, *rest, self.buffers)
             else:
                 done = verlet_in_threads(self.threads, *scene, *rest)
-        self._close(books)
+        self.held += books.held.sum(axis=0)
+        self.lost += books.lost.sum(axis=0)
         self.near = False
         return done
 

@@ -3,8 +3,8 @@
 A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
 Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
 and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
-computed.  Who edits `model.floes` between two updates sees it in what he asks for then.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
-number for the whole.
+computed.  What a user changes in `model.floes` between two updates shows in the outputs that are asked for after that.
+Names, units and signs come from `variables`, and from `bmi_totals` for what is one number for the whole.
 
 The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
 
@@ -349,8 +349,8 @@ class FloeBmi(Bmi):
     """Sea-ice floes as a BMI 2.0 component (see the module's text for grids, time and who drives).
 
     The configuration file is a scene, TOML or YAML, or the name of a packaged one, or a table [bmi] that
-    names one.  Names of variables and what is known without a scene (units, types) can be asked before `initialize`; a scene then leaves
-    out what it does not model.
+    names one.  Names of variables, their units and types can be asked before `initialize`; a scene then leaves out what it
+    does not model.
 
     Raises
     ------
@@ -673,14 +673,13 @@ class FloeBmi(Bmi):
 
 def _exchange(scene: "Scene") -> float:
     """The exchange interval of a scene [s]."""
-    if scene.time.exchange is not None:
-        return float(scene.time.exchange)
-    if scene.time.duration is None and scene.output.every is None:
+    for told in (scene.time.exchange, scene.output.every):
+        if told is not None:
+            return float(told)
+    if scene.time.duration is None:
         raise InputError(
             f"{scene.file}: [time] exchange is missing: seconds between exchanges with the host"
         )
-    if scene.output.every is not None:
-        return float(scene.output.every)
     return float(scene.schedule().exchange)
 
 

@@ -339,7 +339,7 @@ class Model:
             self._state.fit(len(self.floes))
             now = self._advance()
             now.look(self._state.kept_for(seen.floes))
-            seen.advance = now  # whole: Ctrl-C may come at any time
+            seen.advance = now  # only when it is whole: Ctrl-C may come at any time
         return seen.advance
 
     def _advance(self) -> Advance:
@@ -405,7 +405,7 @@ class Model:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        # Ctrl-C finds all of an exchange or nothing of it: in compiled code it waits, and no other is left
+        # Ctrl-C finds all of an exchange or nothing of it: it waits for compiled code, and there is little else from here on
         vars(self).update(after)
         if drag is not None:
             self.ocean._drag = drag

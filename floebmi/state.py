@@ -35,12 +35,12 @@ class Counters:
     longest_step: float = 0.0
     last_step: float = 0.0
     tested: int = 0  # pairs tested to make the lists, and
-    listed: int = 0  # those of them that were listed; both last, since restart files of before end without them
+    listed: int = 0  # those of them that were listed; these two stay last: older restart files end without them
 
 
 @dataclass
 class Seconds:
-    """Seconds on the clock in this process, of what an exchange spends its time on besides itself."""
+    """Seconds on the clock that parts of the exchanges took in this process."""
 
     steps: float = 0.0
     lists: float = 0.0  # of neighbours, and what sets the step

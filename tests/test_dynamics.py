@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from uncompiled import uncompiled
 
-from floebmi import advance
+from floebmi import listing
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, frictional
@@ -444,7 +444,7 @@ def test_fast_floes_on_a_short_list_meet_as_they_do_on_the_whole_list(monkeypatc
     """The list is made anew many times in these steps; made as narrow as for slow floes it misses contacts by the tenth."""
 
     def after(near: float) -> tuple[np.ndarray, int]:
-        monkeypatch.setattr(advance, "NEAR", near)
+        monkeypatch.setattr(listing, "NEAR", near)
         domain = Domain((0.0, 2000.0), (0.0, 2000.0), *["periodic"] * 4)
         floes = scatter(domain, UniformSize(20.0, 40.0), concentration=0.7, seed=2)
         floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0.0, 2.0, (2, len(floes)))
@@ -454,7 +454,7 @@ def test_fast_floes_on_a_short_list_meet_as_they_do_on_the_whole_list(monkeypatc
         model.step_by(80)
         return np.array([floes.x, floes.y, floes.u, floes.v]), pairs
 
-    (short, few), (whole, many) = after(advance.NEAR), after(50.0)
+    (short, few), (whole, many) = after(listing.NEAR), after(50.0)
     assert few < 0.8 * many
     # to round-off: which pairs are computed side by side differs
     np.testing.assert_allclose(short, whole, rtol=0, atol=1e-8)

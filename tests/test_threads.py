@@ -7,7 +7,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from floebmi import advance, bmi, threads, tiles
+from floebmi import advance, bmi, listing, threads, tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
 from floebmi.dynamics import Step
@@ -27,7 +27,7 @@ SIZES = PowerLaw(10.0, 40.0)
 def small_chunks(monkeypatch):
     monkeypatch.setattr(tiles, "CHUNK", 80)
     for width in ("FEW", "NARROWEST"):  # so narrow a list is renewed on the way
-        monkeypatch.setattr(advance, width, 0)
+        monkeypatch.setattr(listing, width, 0)
 
 
 def pack_of_floes(law, threads=1, walls=False, drag=(), step=Step()):
