@@ -14,7 +14,7 @@ import numpy as np
 from coupling.regrid import Regrid
 from coupling.side import Side
 from coupling.units import converter, in_pascals
-from floebmi.errors import InputError, is_word
+from floebmi.errors import InputError, choose, is_word
 
 PER_AREA = (
     "stress",
@@ -106,6 +106,11 @@ class Connection:
         regrid_of: Callable[[tuple[int, int], tuple[str, str]], Regrid | None],
     ) -> None:
         source, from_host = link.source, giver.name == "host"
+        for output in filter(None, (source, link.weight)):
+            if not is_word(output, giver.outputs):
+                raise InputError(
+                    f"couple: {output!r} is not an output of the {giver.name}; {choose(output, giver.outputs)}"
+                )
         running = "time_integral_of" in source and "time_integral_of" not in target
         if running and from_host:
             raise InputError(
@@ -119,24 +124,9 @@ class Connection:
                 " must be of a floating type"
             )
         self._convert = converter(giver.units(source), taker.units(target), running, source, target)
-        weight = link.weight or OVER_ICE.get(source)
-        per_area = weight is None and is_per_area(source)
-        kind = link.kind or ("integral" if per_area else "mean")
-        if not is_word(kind, ("integral", "mean")):
-            raise InputError(f"couple: kind = {kind!r} of {target}: allowed: integral, mean")
-        if weight is not None and (kind == "integral" or weight not in giver.outputs):
-            raise InputError(
-                f"couple: {target}: weight {weight!r} must be an output of the {giver.name}, and is for"
-                " means only"
-            )
-        known = weight is not None or per_area or link.kind is not None
-        if not (from_host or known) and source.endswith(("_of_count", "_of_radius", "__count")):
-            raise InputError(
-                f"couple: {source} → {target}: a number or mean over floes; say how it is to be"
-                " averaged with Link(source, kind, weight)"
-            )
         self.giver, self.taker, self.source, self.target = giver, taker, source, target
-        self.kind, self.weight, self.running = kind, weight, running
+        self.kind, self.weight = _kept(giver, target, link)
+        self.running = running
         grids, names = (giver.grid_number(source), taker.grid_number(target)), (source, target)
         giver.know_grid(source)
         taker.know_grid(target)
@@ -228,3 +218,26 @@ class Connection:
             f"{self.giver.name} {self.source} [{self.giver.units(self.source)}]"
             f" → {self.taker.name} {self.target} [{self.taker.units(self.target)}]: {how}"
         )
+
+
+def _kept(giver: Side, target: str, link: Link) -> tuple[str, str | None]:
+    """What of a variable is kept on its way, "integral" or "mean", and the output that weights a mean."""
+    source = link.source
+    weight = link.weight or OVER_ICE.get(source)
+    per_area = weight is None and is_per_area(source)
+    kind = link.kind or ("integral" if per_area else "mean")
+    if not is_word(kind, ("integral", "mean")):
+        raise InputError(f"couple: kind = {kind!r} of {target}: allowed: integral, mean")
+    if weight is not None and (kind == "integral" or weight not in giver.outputs):
+        raise InputError(
+            f"couple: {target}: weight {weight!r} must be an output of the {giver.name}, and is for"
+            " means only"
+        )
+    known = weight is not None or per_area or link.kind is not None
+    of_floes = source.endswith(("_of_count", "_of_radius", "__count"))
+    if of_floes and giver.name != "host" and not known:
+        raise InputError(
+            f"couple: {source} → {target}: a number or mean over floes; say how it is to be"
+            " averaged with Link(source, kind, weight)"
+        )
+    return kind, weight

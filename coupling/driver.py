@@ -196,7 +196,7 @@ class Coupling:
     def _refuse_idle(
         self, units: Mapping[str, str], regrids: Mapping[tuple[int, int], Regrid]
     ) -> None:
-        """What was given for a name or grid that is nowhere was given for another."""
+        """InputError for units or weights of a variable or grid that is nowhere: they were meant for another."""
         names = {name for side in (self.host, self.floes) for name in (*side.inputs, *side.outputs)}
         for name in units:
             if not is_word(name, names):
@@ -216,6 +216,7 @@ class Coupling:
     def _connect(
         self, giver: Side, taker: Side, explicit: Mapping[str, str | Link | None]
     ) -> list[Connection]:
+        """How the inputs of the taker are filled: as it was said, else by the giver's output of the same name."""
         for name in explicit:
             if not is_word(name, taker.inputs):
                 raise InputError(
@@ -232,12 +233,6 @@ class Coupling:
             link = Link(wanted) if isinstance(wanted, str) else wanted
             if not isinstance(link, Link):
                 raise InputError(f"couple: {name}: {link!r}: must be a name, a Link or None")
-            for output in filter(None, (link.source, link.weight)):
-                if not is_word(output, giver.outputs):
-                    raise InputError(
-                        f"couple: {output!r} is not an output of the {giver.name};"
-                        f" {choose(output, giver.outputs)}"
-                    )
             connections.append(Connection(giver, taker, name, link, self._regrid))
         return connections
 

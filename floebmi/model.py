@@ -310,6 +310,7 @@ class Model:
     # ---- one exchange ------------------------------------------------------------------------------
 
     def _allocate(self) -> tuple[np.ndarray, ...]:
+        """A table of each force, with what it needs of each floe."""
         f = self.floes
         draft = self.draft_fraction * f.thickness
         return tuple(
@@ -343,6 +344,7 @@ class Model:
         return seen.advance
 
     def _advance(self) -> Advance:
+        """The way from here, nothing packed yet."""
         return Advance(
             self.floes, self._state, self.domain, self.contact, self.forces, self.step,
             self.ice_density, self.threads,
@@ -381,7 +383,7 @@ class Model:
         for name, fluid in self._fluids.items():
             fluid.refuse_not_finite(name, self.time)
         seen = self._known()
-        known = len(self.floes)
+        count = len(self.floes)
         advance, weights = self._ready(seen)
         before = self._state.copy()
         seen.advance = None  # the steps use it up, even if they fail
@@ -393,7 +395,7 @@ class Model:
             self._book_forces()
             self._state.ledger.now = advance.stock()
             self._check_energy(self.time + duration)
-            if len(self.floes) != known:
+            if len(self.floes) != count:
                 self._tables = self._allocate()
             left = self._see(self._state.kept.floes)
             after = {
@@ -499,6 +501,7 @@ class Model:
         return weights
 
     def _fluid_of(self, force: Force) -> Fluid | None:
+        """The fluid that a force reads."""
         name, _ = READS.get(type(force), ("", {}))
         return self._fluids.get(name)
 

@@ -35,23 +35,25 @@ def _lines(n: int, kind: np.dtype) -> np.ndarray:
 
 
 class Packed(NamedTuple):
-    """The floes in a kernel's order."""
+    """The floes in a kernel's order: arrays of shape (n,), SI units."""
 
     floes: np.ndarray  # x, y, u, v, r, h, w
     spinning: np.ndarray | None  # the same records, if they have an omega
-    force: np.ndarray  # x, y (and torque)
+    force: np.ndarray  # x, y (and torque), of contacts
     number: np.ndarray  # the floe's number for ever
-    mass: np.ndarray  # 0 of coast
+    mass: np.ndarray  # m, 0 of coast
     inverse_x: np.ndarray  # 1/m, or 0 where motion along x is prescribed
     inverse_y: np.ndarray
-    inertia: np.ndarray | None
-    inverse_spin: np.ndarray | None
-    angle: np.ndarray | None
+    inertia: np.ndarray | None  # J = m r²/2
+    inverse_spin: np.ndarray | None  # 1/J, or 0 where rotation is prescribed
+    angle: np.ndarray | None  # by which the floe has turned
     held: np.ndarray  # packed index of floes with a prescribed axis, coast aside
     land: np.ndarray  # bool: a piece of coast
     first_x: np.ndarray  # where the floe was when it was packed
     first_y: np.ndarray
-    previous: np.ndarray | None  # contact forces, torques of the last step, for the paper's schemes
+    previous: (
+        np.ndarray | None
+    )  # contact forces, torques of the last step (n, 3), for the paper's schemes
     origin_x: float  # of the records' coordinates
     origin_y: float
     friction: np.ndarray | None  # μ and σ_c of each floe, where they differ
