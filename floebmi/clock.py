@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from floebmi.errors import InputError, check_word, in_line
-from floebmi.fields import DURATIONS, Field, coordinate
+from floebmi.factors import DURATIONS
+from floebmi.fields import Field, coordinate
 
 if TYPE_CHECKING:
     import cftime

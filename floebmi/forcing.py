@@ -23,16 +23,18 @@ from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
 from floebmi.errors import InputError, check_text, check_word, in_line
-from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
+from floebmi.factors import velocity_factor
+from floebmi.fields import Box, Field, Wanted, field, find
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
+from floebmi.opening import open_files
 from floebmi.places import Net, Position
 from floebmi.quantities import is_number, unmasked
 from floebmi.remap import FillLand, around_cells, interpolate
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
-    from floebmi.fields import Source
+    from floebmi.opening import Source
 
 Velocity = Callable[[np.ndarray, np.ndarray, float], "np.ndarray | float"]
 Medium = Literal["ocean", "wind"]
