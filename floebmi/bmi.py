@@ -57,7 +57,6 @@ from floebmi.variables import FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from floebmi.floes import Floes
     from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
     from floebmi.grid import Grid
@@ -92,7 +91,7 @@ class _Running:
         from floebmi.hosting import read_config
 
         scene, view = read_config(config_file)
-        self.step = _exchange(scene)
+        self.step = _interval(scene)
         self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
         built = scene.build()
         self.start, self.calendar = built.start, built.calendar
@@ -138,11 +137,14 @@ class _Running:
         for scalar in SCALARS:
             if not scalar.fluid or getattr(model, scalar.fluid) is not None:
                 self.rows[scalar.csdms], self.values[scalar.csdms] = scalar, np.zeros(1)
-        if not self.capacity:
-            return
-        _check_capacity(model.floes, self.capacity)
+        if self.capacity:
+            self._list_floes()
+
+    def _list_floes(self) -> None:
+        """Room for what single floes have, for hosts that ask for it: kept up to date from the start."""
+        self._check_capacity()
         for row in _FLOE_ROWS:
-            if getattr(model.floes, row.name) is not None:
+            if getattr(self.model.floes, row.name) is not None:
                 self.rows[row.csdms] = row
                 self.values[row.csdms] = np.zeros(self.capacity, _TYPES[row.dtype])
                 self.asked.add(row.csdms)
@@ -153,7 +155,16 @@ class _Running:
             edge_nodes=none, face_edges=none, face_nodes=none, nodes_per_face=none,
         )  # fmt: skip
 
+    def _check_capacity(self) -> None:
+        """InputError for more floes than the arrays of single floes have room for."""
+        count = len(self.model.floes)
+        if self.capacity and count > self.capacity:
+            raise InputError(
+                f"[bmi] floe_capacity = {self.capacity}: there are {count} floes; must be at least that"
+            )
+
     def grid_of(self, row: Variable | Scalar) -> int:
+        """The number of a variable's BMI grid."""
         if isinstance(row, Scalar):
             return WHOLE
         if row.grid == "floe":
@@ -220,8 +231,7 @@ class _Running:
         model.time = until
         if count > 1 and model.ocean is not None:
             sums |= self._per_ice_area(sums)
-        if self.capacity:
-            _check_capacity(model.floes, self.capacity)
+        self._check_capacity()
         if self.checkpoint is not None:
             self.save(self.checkpoint, sums)
         self.show(sums)
@@ -311,6 +321,7 @@ class _Running:
         save_restart(path, state, {"time": self.model.time} | date)
 
     def load(self, path: str | Path) -> None:
+        """Take up a state that `save` wrote; InputError for another file, and then all is as before."""
         from floebmi.clock import refuse_other_start
         from floebmi.output import load_restart
 
@@ -320,8 +331,7 @@ class _Running:
         refuse_other_start(self.start, self.calendar, told)
         with alone(self.model, "load_state"), self.unchanged_on_failure():
             self.model.restore(state["model"])
-            if self.capacity:
-                _check_capacity(self.model.floes, self.capacity)
+            self._check_capacity()
             self.sources = {
                 name: source
                 for name, source in self.of_scene.items()
@@ -671,7 +681,7 @@ class FloeBmi(Bmi):
 # ---- small steps ------------------------------------------------------------------------------
 
 
-def _exchange(scene: "Scene") -> float:
+def _interval(scene: "Scene") -> float:
     """The exchange interval of a scene [s]."""
     for told in (scene.time.exchange, scene.output.every):
         if told is not None:
@@ -698,10 +708,3 @@ def _is_mean(row: Variable | Scalar) -> bool:
 def _bits(fluid: "Fluid") -> np.ndarray:
     """Both components, so that NaN on dry cells equals itself."""
     return np.concatenate([fluid.u, fluid.v]).view(np.int64)
-
-
-def _check_capacity(floes: "Floes", capacity: int) -> None:
-    if len(floes) > capacity:
-        raise InputError(
-            f"[bmi] floe_capacity = {capacity}: there are {len(floes)} floes; must be at least that"
-        )
