@@ -42,36 +42,27 @@ from floebmi.contact import Contact, memories, own, turns
 from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, check_word, in_line
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
-from floebmi.fluid import Fluid
+from floebmi.fluid import fluid_of, fluids_for, give_impulses_back, impulses_of_drag, sample
 from floebmi.forces import (
     ACCOUNTS,
-    HALF_CURL,
-    RATE,
-    READS,
-    SPIN_RATE,
     AirDrag,
     Force,
     OceanDrag,
-    X,
-    Y,
     at_floes,
     bulk_coefficient,
     by_block,
     given,
-    lanes,
 )
 from floebmi.grid import Grid, check_grid
 from floebmi.gridding import (
     cell_fields,
     divergence,
-    give_back,
     internal_stress,
     maximum_shear,
     per_area,
     pressure,
 )
 from floebmi.kept import marks
-from floebmi.kernels import BLOCK
 from floebmi.listing import Memory
 from floebmi.overlaps import refuse_over_walls, refuse_overlaps
 from floebmi.pairs import PairList
@@ -89,9 +80,7 @@ from floebmi.sampling import (
     check_images,
     coverage,
     floe_weights,
-    gather_each,
     shares,
-    without_cell,
 )
 from floebmi.state import Counters, Seconds, State
 from floebmi.survey import Contacts
@@ -239,18 +228,8 @@ class Model:
 
     def _make_fluids(self, atmosphere_grid: Grid) -> None:
         """The fluids that the forces read, at rest."""
-        read: dict[str, list[str]] = {}
-        for force in self.forces:
-            if type(force) in READS:
-                name, fields = READS[type(force)]
-                read.setdefault(name, []).extend(fields)
-        self.ocean = self.atmosphere = None
-        if "ocean" in read:
-            self.ocean = Fluid(self.grid, read["ocean"], ocean=True)
-        if "atmosphere" in read:
-            self.atmosphere = Fluid(atmosphere_grid, read["atmosphere"])
-        fluids = {"ocean": self.ocean, "atmosphere": self.atmosphere}
-        self._fluids = {name: fluid for name, fluid in fluids.items() if fluid is not None}
+        self._fluids = fluids_for(self.forces, self.grid, atmosphere_grid)
+        self.ocean, self.atmosphere = self._fluids.get("ocean"), self._fluids.get("atmosphere")
         for grid in dict.fromkeys((self.grid, atmosphere_grid)):
             check_images(grid, self.domain.period)
 
@@ -402,7 +381,8 @@ class Model:
                 "_left": left, "_seen": left, "_accepted": left.floes, "time": self.time + duration,
                 "_last_duration": duration,
             }  # fmt: skip
-            impulses, drag = self._impulses(weights, advance.order)
+            impulses = impulses_of_drag(self.forces, self._at, self._fluids, weights, advance.order)
+            drag = self._ocean_drag(weights, advance.order)
         except BaseException:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
@@ -411,9 +391,9 @@ class Model:
         vars(self).update(after)
         if drag is not None:
             self.ocean._drag = drag
-        self._give_back(impulses)
+        give_impulses_back(impulses)
 
-    def _ready(self, seen: _Seen) -> tuple[Advance, dict[int, Weights]]:
+    def _ready(self, seen: _Seen) -> tuple[Advance, dict[Grid, Weights]]:
         """What steps begin with: packed floes, what the forces read at them, and the weights they read it with, by grid."""
         if seen is not self._left:
             self._refuse_edits()
@@ -421,7 +401,10 @@ class Model:
         advance = self._now(seen)
         order = advance.packed.number
         self._at = tuple(by_block(table, order) for table in self._tables)
-        return advance, self._sample(seen, order)
+        weights = sample(
+            self.forces, self._at, self._fluids, seen.weights, order, self.floes.rotation
+        )
+        return advance, weights
 
     def _check_energy(self, time: float) -> None:
         """Stop when much of the energy comes from nowhere: the step does not resolve what happens."""
@@ -472,38 +455,12 @@ class Model:
         check_grid("grid", grid)
         return self._known().weights(grid)
 
-    def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
-        """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
-        weights: dict[int, Weights] = {}
-        nowhere: dict[int, tuple[np.ndarray, ...]] = {}  # block, lane of floes without a wet cell
-        # field and where it goes
-        reads: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    def _ocean_drag(self, weights: dict[Grid, Weights], order: np.ndarray) -> tuple | None:
+        """What the sizes of the ocean's drag in this exchange are computed from, when somebody asks; see `Fluid`."""
         for force, at in zip(self.forces, self._at, strict=True):
-            fluid = self._fluid_of(force)
-            if fluid is None:
-                continue
-            grid = id(fluid.grid)
-            if grid not in weights:
-                weights[grid], reads[grid] = seen.weights(fluid.grid), []
-                dry = without_cell(weights[grid])
-                dry = np.flatnonzero(dry[order]) if dry.any() else np.empty(0, np.int64)
-                nowhere[grid] = np.divmod(dry, BLOCK)
-            _, fields = READS[type(force)]
-            reads[grid] += [(fluid.fields[name], lanes(at, row)) for name, row in fields.items()]
-            if not isinstance(force, OceanDrag | AirDrag):
-                continue
-            lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
-            if self.floes.rotation:
-                reads[grid] += [(fluid.half_curl(), lanes(at, HALF_CURL))]
-                lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
-        for grid, each in reads.items():
-            gather_each(weights[grid], order, *zip(*each, strict=True))
-        return weights
-
-    def _fluid_of(self, force: Force) -> Fluid | None:
-        """The fluid that a force reads."""
-        name, _ = READS.get(type(force), ("", {}))
-        return self._fluids.get(name)
+            if isinstance(force, OceanDrag):
+                return weights[self.grid], order, at, self._state.kept.floes, self.ice_density
+        return None
 
     def _book_forces(self) -> None:
         """The impulse and the work of each force are an account of the ledger."""
@@ -511,35 +468,6 @@ class Model:
             name = ACCOUNTS[type(force)]
             x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
-
-    def _impulses(
-        self, weights: dict[int, Weights], order: np.ndarray
-    ) -> tuple[list[tuple], tuple | None]:
-        """The impulses of drag on floes, for `_give_back`, and what the sizes of the ocean's drag are computed from.
-
-        For each grid its weights with the order of floes, and of each fluid on it the impulses and where they go.
-        """
-        drag = None
-        by_grid: dict[int, list[tuple[np.ndarray, ...]]] = {}
-        for force, at in zip(self.forces, self._at, strict=True):
-            if not isinstance(force, OceanDrag | AirDrag):
-                continue
-            f = self._fluid_of(force)
-            by_grid.setdefault(id(f.grid), []).append((
-                lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
-            ))  # fmt: skip
-            if isinstance(force, OceanDrag):
-                drag = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
-        impulses = [
-            ((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in by_grid.items()
-        ]
-        return impulses, drag
-
-    @staticmethod
-    def _give_back(impulses: list[tuple]) -> None:
-        """The fluids get the opposite of the impulse that their drag gave."""
-        for weights, fluids in impulses:
-            give_back(*weights, fluids)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
@@ -837,7 +765,7 @@ class Model:
             lines += [f"│  ├─ {as_python(part)}" for part in self.contact if part is not None]
         lines.append(f"├─ forces:{'' if self.forces else ' none'}")
         for force in self.forces:
-            fluid = self._fluid_of(force)
+            fluid = fluid_of(force, self._fluids)
             lines.append(f"│  ├─ {force!r}" + (f" on {fluid.grid!r}" if fluid else ""))
             if isinstance(force, OceanDrag | AirDrag):
                 low, high = self.bulk_range(force)
