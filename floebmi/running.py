@@ -20,6 +20,7 @@ import numpy as np
 
 from floebmi.alone import alone, refuse_another
 from floebmi.errors import InputError, in_line
+from floebmi.making import Making, work_clock
 from floebmi.meter import meter
 from floebmi.quantities import check_flag, check_table, is_number
 
@@ -39,7 +40,7 @@ class WallTime(NamedTuple):
 
     forcing, ice, output : filling the fluids; advancing the ice; writing files
     steps, lists : the parts of `ice` in which floes stepped, and were listed by neighbours with what sets the step
-    first : the part of `ice` in the first exchange: kernels are compiled or loaded there
+    making : compiling kernels, or loading those compiled before; in none of the others
     total : with all else
     """
 
@@ -48,7 +49,7 @@ class WallTime(NamedTuple):
     steps: float
     lists: float
     output: float
-    first: float
+    making: float
     total: float
 
     @property
@@ -65,7 +66,7 @@ class Report(NamedTuple):
     finished : False if it was stopped before its end
     start, end : simulated time [s]
     wall : seconds on the clock, by what they were spent on
-    floe_steps, first_steps : steps of all floes in this run, and in its first exchange
+    floe_steps : steps of all floes in this run
     counters : of the model, since its start, as this run ended
     ledger : mass, momentum and energy of the ice, likewise
     contacts : pairs of floes that pushed or held each other as it ended
@@ -78,7 +79,6 @@ class Report(NamedTuple):
     end: float
     wall: WallTime
     floe_steps: int
-    first_steps: int
     counters: "Counters"
     ledger: "Ledger"
     contacts: int
@@ -87,8 +87,8 @@ class Report(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Floe-steps per second after the first exchange; 0 if there was only one."""
-        return _ratio(self.floe_steps - self.first_steps, self.wall.ice - self.wall.first)
+        """Floe-steps per second of advancing the ice."""
+        return _ratio(self.floe_steps, self.wall.ice)
 
     def __str__(self) -> str:
         return (
@@ -101,7 +101,7 @@ class Report(NamedTuple):
     def profile(self) -> str:
         """A table of where the time went, and of what was counted."""
         c, wall = self.counters, self.wall
-        rest = wall.total - wall.forcing - wall.ice - wall.output
+        rest = wall.total - wall.forcing - wall.ice - wall.output - wall.making
         per_floe_step = _ratio(1e9, self.speed)
         rows = [
             (name, f"{seconds:.2f} s", f"{seconds / wall.total:.0%}")
@@ -111,14 +111,13 @@ class Report(NamedTuple):
                 ("  steps", wall.steps),
                 ("  lists of neighbours", wall.lists),
                 ("  exchange", wall.exchange),
-                ("  all in the first exchange", wall.first),
                 ("output", wall.output),
+                ("making kernels", wall.making),
                 ("rest", rest),
             )
         ]  # fmt: skip
         rows += [
-            ("a floe-step, later on", f"{per_floe_step:.1f} ns", ""),
-            # no seconds: the first steps may have been compiled meanwhile
+            ("a floe-step", f"{per_floe_step:.1f} ns", ""),
             *((f"  {name} in a step", f"{share:.0%}", "") for name, share in self.shares.items()),
             ("steps", f"{c.steps}", ""),
             ("floe-steps", f"{c.floe_steps}", ""),
@@ -229,7 +228,6 @@ def run(
     if restart is not None:
         check_target(Path(restart), overwrite)
     claim = restart is not None and not Path(restart).exists()
-    first_steps = 0
     state, saved_at = model.state(), time.monotonic()
     of_state = dict(attributes or {})
     if reference is not None:
@@ -251,15 +249,11 @@ def run(
             with clock.of("output"):
                 write()
             for k, target in _exchange_ends(start, end, exchange):
-                first = model.time == start
                 with clock.of("forcing"):
                     drive.fill(0.5 * (model.time + target))
                 with clock.of_ice(model):
                     model.advance(target - model.time)
                 model.time = target  # a sum of many intervals would drift
-                if first:
-                    first_steps = model.counters.floe_steps - before
-                    clock.first = clock.spent["ice"]
                 state = model.state()
                 if k % exchanges == 0 or target == end or interrupted:
                     with clock.of("output"):
@@ -281,7 +275,7 @@ def run(
             save_restart(restart, state, of_state)
     wall = clock.wall_time()
     return Report(
-        model.time == end, start, model.time, wall, model.counters.floe_steps - before, first_steps,
+        model.time == end, start, model.time, wall, model.counters.floe_steps - before,
         dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files),
         shares_of_a_step(model) if profile else {},
     )  # fmt: skip
@@ -451,15 +445,14 @@ class _Frames:
 
 class _Stopwatch:
     def __init__(self) -> None:
-        self._begin = time.perf_counter()
+        self._begin, self._made = time.perf_counter(), Making.clock
         self.spent = {"forcing": 0.0, "ice": 0.0, "steps": 0.0, "lists": 0.0, "output": 0.0}
-        self.first = 0.0
 
     @contextlib.contextmanager
     def of(self, what: str) -> Iterator[None]:
-        begin = time.perf_counter()
+        begin = work_clock()
         yield
-        self.spent[what] += time.perf_counter() - begin
+        self.spent[what] += work_clock() - begin
 
     @contextlib.contextmanager
     def of_ice(self, model: "Model") -> Iterator[None]:
@@ -471,7 +464,7 @@ class _Stopwatch:
 
     def wall_time(self) -> WallTime:
         total = time.perf_counter() - self._begin
-        return WallTime(**self.spent, first=self.first, total=total)
+        return WallTime(**self.spent, making=Making.clock - self._made, total=total)
 
 
 class _Interrupt:
