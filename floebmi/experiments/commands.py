@@ -85,12 +85,15 @@ def _ensemble_options(function: Callable) -> Callable:
 
 @click.group(cls=Group)
 def experiment() -> None:
-    """Repeat the experiments of the paper.  Several values separated by commas make a sweep."""
+    """Repeat the experiments of the paper.
+
+    Several values separated by commas make a sweep.
+    """
 
 
 @experiment.command("table")
 def _table() -> None:
-    """Print every parameter of both experiments, with its source."""
+    """Print all parameters and their sources."""
     from floebmi.experiments import parameters
 
     for kind in (parameters.Shear, parameters.Strait):
@@ -101,7 +104,7 @@ def _table() -> None:
 @_experiment_options("shear")
 @_ensemble_options
 def _shear(**options: Any) -> None:
-    """The strength of a pack of floes: simple shear under a loaded wall (Figs 1, 3, 4)."""
+    """Shear a pack under a loaded wall (Figs 1, 3, 4)."""
     _experiment("shear", **options)
 
 
@@ -109,7 +112,7 @@ def _shear(**options: Any) -> None:
 @_experiment_options("strait")
 @_ensemble_options
 def _strait(**options: Any) -> None:
-    """The jamming of a strait: floes driven through a funnel (Figs 2, 5 to 10)."""
+    """Drive floes through a strait until it jams (Figs 2, 5 to 10)."""
     _experiment("strait", **options)
 
 
