@@ -27,7 +27,7 @@ HELP = """A discrete-element model of sea-ice floes, driven by wind and currents
 
 \b
 Try:
-  floebmi run labrador-sea                  run a packaged scene; about a minute
+  floebmi run labrador-sea                  run a packaged scene; less than a minute
   floebmi scene                             list the packaged scenes
   floebmi scene two-floes --to mine.toml    copy one, edit it, then:
   floebmi explain mine.toml                 what will be modelled, and what it will cost
