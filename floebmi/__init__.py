@@ -1,6 +1,6 @@
-"""floebmi: sea-ice floes as discrete elements, coupled to ocean and atmosphere models.
+"""floebmi: a discrete-element model of sea-ice floes that couples to ocean and atmosphere models.
 
-Names are imported when they are first used, so that `import floebmi` stays quick.
+Names are imported when they are first used, so that `import floebmi` is fast.
 """
 
 import importlib

@@ -11,7 +11,6 @@ neighbours was made (kept.py).  So a run that stops and restarts at an exchange 
 
 import math
 from collections.abc import Sequence
-from time import perf_counter
 from typing import Literal
 
 import numpy as np
@@ -42,6 +41,7 @@ from floebmi.forces import (
 from floebmi.kept import Kept, Marks
 from floebmi.kernels import BLOCK
 from floebmi.listing import Memory, list_neighbours
+from floebmi.making import work_clock
 from floebmi.pack import Packed, in_space, pack, pack_again, places, unpack
 from floebmi.pairs import emptied
 from floebmi.stable_step import Stiffest, paper_step, stable_step, stiffest
@@ -115,10 +115,10 @@ class Advance:
 
     def _list_anew(self, old: Memory) -> None:
         """Pack the floes, and list their neighbours where they are now; old : what pairs remember so far."""
-        begin = perf_counter()
+        begin = work_clock()
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
         self._list(self.state.walls.position.copy(), old)
-        self.state.seconds.lists += perf_counter() - begin
+        self.state.seconds.lists += work_clock() - begin
         self.room = self._half_skin()
         self._stiffest: Stiffest | None = None
         self.before: Survey | None = None
@@ -183,12 +183,12 @@ class Advance:
     def stiffest(self) -> Stiffest:
         """What sets the step until floes have strayed further; found when it is asked for."""
         if self._stiffest is None:
-            begin = perf_counter()
+            begin = work_clock()
             walls = self.walls._replace(walls=self.state.walls)
             self._stiffest = stiffest(
                 self.contact, self.packed, self.pairs, self.period, walls, self.listed.closing
             )
-            self.state.seconds.lists += perf_counter() - begin
+            self.state.seconds.lists += work_clock() - begin
         return self._stiffest
 
     def _begin(self) -> None:
@@ -377,9 +377,9 @@ class Advance:
             self._meet_walls()
         if without == "forces":
             self.lag[:] = -math.inf, math.inf  # ahead for ever
-        begin = perf_counter()
+        begin = work_clock()
         taken = self._kernel(self.state.counters.last_step, steps)
-        return (perf_counter() - begin) / taken
+        return (work_clock() - begin) / taken
 
     def _some_steps(self, done: float, duration: float) -> float:
         """Steps until the time is reached or the list may be stale; returns the time reached."""
@@ -387,9 +387,9 @@ class Advance:
         taken = 0
         self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
         while taken < steps:
-            begin = perf_counter()
+            begin = work_clock()
             n = self._kernel(dt, steps - taken)
-            self.state.seconds.steps += perf_counter() - begin
+            self.state.seconds.steps += work_clock() - begin
             taken += n
             self._count(n, dt)
             self._check(Survey(*survey(self.packed)), dt, done + taken * dt)

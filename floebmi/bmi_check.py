@@ -1,21 +1,22 @@
-"""Is a host connected rightly?  One cell of ice, and one cell of stress.
+"""Is a host connected correctly?  A check in one cell.
 
     python -m floebmi.bmi_check                                   what the ice gives in one cell: signs and units
-    python -m floebmi.bmi_check package.module:Host config.toml   pushes a BMI host in one cell, and looks
+    python -m floebmi.bmi_check package.module:Host config.toml   applies a stress to one cell of a BMI host
 
-The first says what a host must receive from a floe that is held in a known current.  The second takes a host with a
-Basic Model Interface, wherever it runs, gives it a stress in one cell of its own and looks at what its velocity does:
+The first prints the stress that a host must receive from a floe held still in a known current.  The second takes a host
+with a Basic Model Interface, in this process or another, applies a stress to one of its cells, and checks the change of
+its velocity:
 
-    units      velocity is a velocity, stress is a stress, by what the host itself says
-    repeats    two starts without a push give the same velocities, before and after a step; they are numbers
-    axes       a stress along x does not push along y (in one step, but for rotation: less than f Δt)
-    sign       a stress along +x (+y) on the ocean accelerates the ocean along +x (+y), in the step that it is for
-    size       Δu = τ Δt / (ρ h) gives a depth h; it should be that of the layer which the ice pushes
+    units      velocity and stress have units of a velocity and of a stress
+    repeats    two runs without the stress give the same velocities, before and after a step; they are numbers
+    axes       a stress along x does not act along y (in one step, except for rotation, less than f Δt)
+    sign       a stress along +x (+y) on the ocean accelerates the ocean along +x (+y), in the same step
+    size       prints the depth h from Δu = τ Δt / (ρ h); it should be that of the layer that the ice drags
     staggering the velocity changes where the stress is, not half a cell beside it, nor in a mirrored row or column
-    per        a host that takes the ice fraction, too: whether it multiplies by it, as the name of its stress says
+    per        for a host that also takes the ice fraction: whether it multiplies by it, as the name of its stress says
 
-Cells whose velocity is not finite are land.  Where waves cross the basin in one of the host's steps, the response is
-theirs: it must be given a shorter step or a larger basin.  A host without a BMI can be wrapped in the few functions
+Cells whose velocity is not finite are land.  If waves cross the basin within a time step of the host, the response is
+that of the waves: use a shorter step or a larger basin.  A host without a BMI can be wrapped in the few functions
 that are called here: initialize, update, finalize, get_input_var_names, get_output_var_names, get_var_units,
 get_var_type, get_var_grid, get_grid_type, get_grid_rank, get_grid_size, get_grid_shape, get_time_step, get_time_units,
 get_value, set_value.
@@ -373,20 +374,36 @@ def main(words: Sequence[str] | None = None) -> int:
         prog="python -m floebmi.bmi_check", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument("host", nargs="?", help="package.module:Class of a BMI host")
-    parser.add_argument("config", nargs="?", help="its configuration file")
     parser.add_argument(
-        "--velocity", nargs=2, default=VELOCITY, metavar=("X", "Y"), help="its outputs"
+        "host",
+        nargs="?",
+        help="class of a BMI host, as package.module:Class; without it, check the ice alone",
     )
-    parser.add_argument("--stress", nargs=2, default=STRESS, metavar=("X", "Y"), help="its inputs")
-    parser.add_argument("--density", type=float, default=SEA_WATER, help="of its water [kg m-3]")
-    parser.add_argument("--fraction", metavar="A", help="its input of the ice fraction")
+    parser.add_argument("config", nargs="?", help="configuration file of the host")
+    parser.add_argument(
+        "--velocity",
+        nargs=2,
+        default=VELOCITY,
+        metavar=("X", "Y"),
+        help="outputs of the host: surface velocity along x and y",
+    )
+    parser.add_argument(
+        "--stress",
+        nargs=2,
+        default=STRESS,
+        metavar=("X", "Y"),
+        help="inputs of the host: stress on the water along x and y",
+    )
+    parser.add_argument(
+        "--density", type=float, default=SEA_WATER, help="density of its water [kg m-3]"
+    )
+    parser.add_argument("--fraction", metavar="A", help="input of the host for the ice fraction")
     parser.add_argument(
         "--cell",
         nargs=2,
         type=int,
         metavar=("ROW", "COLUMN"),
-        help="to push; default: near the middle",
+        help="cell to apply the stress to (default: near the middle)",
     )
     asked = parser.parse_args(words)
     try:

@@ -23,18 +23,18 @@ from floebmi.one_line import PATH, Group, fail
 if TYPE_CHECKING:
     from floebmi.scene import Scene
 
-HELP = """Sea-ice floes as discrete elements, under real wind and currents.
+HELP = """A discrete-element model of sea-ice floes, driven by wind and currents.
 
 \b
 Try:
-  floebmi run labrador-sea                  real wind, currents and ice; about a minute
-  floebmi scene                             the scenes that come with the package
+  floebmi run labrador-sea                  run a packaged scene; less than a minute
+  floebmi scene                             list the packaged scenes
   floebmi scene two-floes --to mine.toml    copy one, edit it, then:
-  floebmi explain mine.toml                 what will be modelled, and what it costs
+  floebmi explain mine.toml                 what will be modelled, and what it will cost
   floebmi run mine.toml --set contact.friction=0.5
-  floebmi animate mine/floes.nc             a film of what came out
-  floebmi validate                          is it stable at the extremes?
-  floebmi experiment strait --figure 5      a figure of the paper that floebmi is after
+  floebmi animate mine/floes.nc             an animation of the run
+  floebmi validate                          is the model stable in extreme cases?
+  floebmi experiment strait --figure 5      a figure of Damsgaard et al. (2018)
 """
 
 
@@ -57,7 +57,7 @@ def _scenes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list
 def _set_option(function: Callable) -> Callable:
     return click.option(
         "--set", "overrides", multiple=True, metavar="TABLE.KEY=VALUE",
-        help="Replace a value of the scene; may be given many times.",
+        help="Change a value of the scene; may be repeated.",
     )(function)  # fmt: skip
 
 
@@ -72,21 +72,27 @@ def floebmi() -> None:
 @_set_option
 @click.option(
     "--to", "folder", type=PATH, metavar="FOLDER",
-    help="Where the output goes; else a folder here with the scene's name.",
+    help="Folder for the output (default: one here with the scene's name).",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace the output of an earlier run.")
 @click.option(
     "--restart", type=PATH, metavar="FILE",
-    help="Go on from a restart file, to the end of the scene's duration.",
+    help="Continue from a restart file, to the end time of the run.",
 )  # fmt: skip
 @click.option(
-    "--duration", type=float, metavar="SECONDS", help="End time of the run, instead of the scene's."
+    "--duration",
+    type=float,
+    metavar="SECONDS",
+    help="End time of the run, instead of the scene's duration.",
 )
 @click.option(
     "--accuracy", type=float, metavar="ERROR",
-    help="Take the fastest setting with this error, 0.02 say, that SCENE.tradeoff.nc beside the scene has.",
+    help="Use the fastest setting with an error below this, such as 0.02, as measured by tradeoff in SCENE.tradeoff.nc "
+    "beside the scene.",
 )  # fmt: skip
-@click.option("--profile", is_flag=True, help="Print where the time went, and what was counted.")
+@click.option(
+    "--profile", is_flag=True, help="Print where the time went, and counts of steps and pairs."
+)
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def run(
     scene: str,
@@ -99,15 +105,17 @@ def run(
     profile: bool,
     quiet: bool,
 ) -> None:
-    """Run SCENE, a TOML or YAML file or the name of a packaged scene.
+    """Run a scene.
+
+    SCENE is a TOML or YAML file, or the name of a packaged scene.
 
     \b
     Output, in a folder with the scene's name:
       gridded.nc    fields on the exchange grid, if the scene has one (CF NetCDF)
-      floes.nc      the floes as trajectories (CF NetCDF)
+      floes.nc      floe trajectories (CF NetCDF)
       NAME.png      a picture of the last frame
-      restart.nc    the state at the end, or where the run was stopped
-      paraview/     if [output] paraview = true
+      restart.nc    the state at the end, or when the run was stopped
+      paraview/     ParaView files, if [output] paraview = true
     """
     from floebmi.clock import refuse_other_start
     from floebmi.explain import notes
@@ -265,10 +273,14 @@ def _of(what: str) -> Iterator[None]:
 @_set_option
 @click.option(
     "--calibrate", is_flag=True,
-    help="Run it for some seconds, and keep what a step costs on this machine.",
+    help="Run the scene for some seconds, and store what a step costs on this machine.",
 )  # fmt: skip
 def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
-    """Say what SCENE models and why, what it leaves out, its step, memory and cost."""
+    """Say what a scene models and what it will cost.
+
+    Also says why, what is left out, and the time step and memory. SCENE is a TOML or YAML file, or the name of a packaged
+    scene.
+    """
     from floebmi import calibration
     from floebmi.explain import explain as explain_scene
     from floebmi.scene import read_scene
@@ -287,24 +299,35 @@ def explain(scene: str, overrides: tuple[str, ...], calibrate: bool) -> None:
 @_set_option
 @click.option(
     "--error", type=float, default=0.05, metavar="ERROR",
-    help="That the recommended setting may have, relative to the reference (0.05).",
+    help="Error allowed for the recommended setting, relative to the reference (default: 0.05).",
 )  # fmt: skip
 @click.option(
     "--of", metavar="QUANTITY",
-    help="Whose error counts: transport, drift, area_fraction, velocity or stress.",
+    help="Quantity whose error counts: transport, drift, area_fraction, velocity or stress.",
 )  # fmt: skip
-@click.option("--seeds", type=int, default=3, help="Runs of each setting (3).")
 @click.option(
-    "--duration", type=float, metavar="SECONDS", help="Of each run, instead of the scene's."
+    "--seeds",
+    type=int,
+    default=3,
+    help="Number of seeds, that is, runs of each setting (default: 3).",
 )
 @click.option(
-    "--budget", type=float, metavar="MINUTES", help="Make the runs so short that all fit into this."
+    "--duration",
+    type=float,
+    metavar="SECONDS",
+    help="Duration of each run, instead of the scene's.",
 )
-@click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores.")
+@click.option(
+    "--budget",
+    type=float,
+    metavar="MINUTES",
+    help="Shorten the runs so that all of them fit into this time.",
+)
+@click.option("--jobs", type=click.IntRange(1), help="Number of processes (default: all cores).")
 @click.option(
     "--to", "target", type=PATH, metavar="FILE",
-    help="NetCDF file to make, and a .png beside it; else SCENE.tradeoff.nc here. `run --accuracy` reads the one beside "
-    "the scene.",
+    help="NetCDF file to write, with a .png beside it (default: SCENE.tradeoff.nc here). `run --accuracy` reads the file "
+    "beside the scene.",
 )  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def tradeoff(
@@ -319,10 +342,12 @@ def tradeoff(
     target: Path | None,
     quiet: bool,
 ) -> None:
-    """Turn the dials of SCENE: what each costs, how far it errs, and which setting to take.
+    """Measure cost and error of a scene's settings.
 
-    Every setting runs with the same seeds and is compared with a fine reference; * marks the front, settings
-    that no other beats in both. Runs that have finished are kept beside the file and not run again.
+    The settings are numerical ones, such as step, stiffness and exchange interval, and one of them is recommended.
+
+    Every setting runs with the same seeds and is compared with a fine reference. An asterisk marks settings that no other beats in
+    both cost and error. Finished runs are kept beside the file and not run again.
     """
     from floebmi import plot as draw, tradeoff as trade
     from floebmi.files import check_target
@@ -357,14 +382,17 @@ def tradeoff(
 @click.argument("name", required=False)
 @click.option(
     "--to", "target", type=PATH, metavar="FILE",
-    help="Copy the scene to this file (or into this folder), with the data that it reads.",
+    help="Copy the scene to this file (or into this folder), with its data files.",
 )  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace files that are there.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option(
-    "--keys", is_flag=True, help="Print every key of a scene file, with unit and default."
+    "--keys", is_flag=True, help="List all keys of a scene file, with units and defaults."
 )
 def scene(name: str | None, target: Path | None, force: bool, keys: bool) -> None:
-    """List the packaged scenes; print NAME, or copy it to edit it."""
+    """List, print or copy the packaged scenes.
+
+    Without NAME, list them; with NAME, print that scene, or copy it with --to.
+    """
     from floebmi.scenes import packaged, titles
 
     if keys:
@@ -459,27 +487,34 @@ def _to_option(metavar: str, text: str) -> Callable:
     return click.option("--to", "target", type=PATH, metavar=metavar, help=text)
 
 
-_force_option = click.option("--force", is_flag=True, help="Replace what is there.")
+_force_option = click.option("--force", is_flag=True, help="Replace existing output.")
 _color_option = click.option(
     "--color", default="speed", metavar="NAME",
-    help="Colour floes by this variable of floes.nc: speed (default), thickness, pressure, contact_force, bond_count …",
+    help="Variable of floes.nc to colour floes by: speed (default), thickness, pressure, contact_force, bond_count …",
 )  # fmt: skip
 _arrows_option = click.option(
     "--arrows", type=click.Choice(["ice", "ocean", "wind", "stress"]),
-    help="Arrows of velocity, or of the ice's stress on the ocean.",
+    help="Draw arrows of this velocity, or of the stress of the ice on the ocean.",
 )  # fmt: skip
 
 
 @floebmi.command()
 @click.argument("file", type=PATH)
-@_to_option("FILE", "Picture to make (.png, .pdf, .svg); else a .png beside FILE.")
+@_to_option("FILE", "Picture to write (.png, .pdf, .svg; default: a .png beside FILE).")
 @_force_option
-@click.option("--time", "number", default=-1, help="Number of the frame; negative from the end.")
+@click.option(
+    "--time",
+    "number",
+    default=-1,
+    help="Index of the frame, from 0; negative counts from the end (default: the last).",
+)
 @_color_option
 @click.option(
-    "--variable", metavar="NAME", help="Map this variable of gridded.nc instead of floes."
+    "--variable",
+    metavar="NAME",
+    help="Draw a map of this variable of gridded.nc instead of the floes.",
 )
-@click.option("--ledger", is_flag=True, help="Draw mass, momentum and energy in time instead.")
+@click.option("--ledger", is_flag=True, help="Draw mass, momentum and energy against time instead.")
 @_arrows_option
 def plot(
     file: Path,
@@ -491,9 +526,10 @@ def plot(
     ledger: bool,
     arrows: str | None,
 ) -> None:
-    """Draw a frame of FILE: the folder of a run, its floes.nc or its gridded.nc.
+    """Draw one frame of a run.
 
-    Of the NetCDF file of a trade-off: error against cost of its settings.
+    FILE is the folder of the run, its floes.nc or its gridded.nc. For the NetCDF file of a trade-off, draws error against cost
+    of its settings.
     """
     from floebmi import plot as draw
 
@@ -534,12 +570,12 @@ def _refuse(what: str, *parameters: str) -> None:
 
 @floebmi.command()
 @click.argument("file", type=PATH)
-@_to_option("FILE", "Film to make (.mp4 or .gif); else an .mp4 beside FILE.")
+@_to_option("FILE", "Animation to write (.mp4 or .gif; default: an .mp4 beside FILE).")
 @_force_option
 @_color_option
 @_arrows_option
-@click.option("--fps", default=12, help="Frames per second.")
-@click.option("--every", default=1, help="Take each n-th frame only.")
+@click.option("--fps", default=12, help="Frames per second (default: 12).")
+@click.option("--every", default=1, help="Use only every n-th frame.")
 def animate(
     file: Path,
     target: Path | None,
@@ -549,7 +585,10 @@ def animate(
     fps: int,
     every: int,
 ) -> None:
-    """Make a film of FILE: the folder of a run, or its floes.nc."""
+    """Make an animation of a run.
+
+    FILE is the folder of the run, or its floes.nc.
+    """
     from floebmi import plot as draw
 
     files = _outputs(file)
@@ -566,12 +605,15 @@ def animate(
 
 @floebmi.command()
 @click.argument("file", type=PATH)
-@_to_option("FILE", "Page to make (.html); else an .html beside FILE.")
+@_to_option("FILE", "Page to write (.html; default: an .html beside FILE).")
 @_force_option
 @_color_option
-@click.option("--every", default=1, help="Take each n-th frame only.")
+@click.option("--every", default=1, help="Use only every n-th frame.")
 def view(file: Path, target: Path | None, force: bool, color: str, every: int) -> None:
-    """Make one HTML page of FILE, with a slider for the time: the folder of a run, or its floes.nc."""
+    """Make an HTML page of a run, with a time slider.
+
+    FILE is the folder of the run, or its floes.nc.
+    """
     from floebmi import plot as draw
 
     files = _outputs(file)
@@ -583,10 +625,13 @@ def view(file: Path, target: Path | None, force: bool, color: str, every: int) -
 
 @floebmi.command()
 @click.argument("file", type=PATH)
-@_to_option("FOLDER", "Where the files go; else a folder paraview beside FILE.")
+@_to_option("FOLDER", "Folder for the files (default: paraview, beside FILE).")
 @_force_option
 def export(file: Path, target: Path | None, force: bool) -> None:
-    """Write FILE for ParaView: the folder of a run, its floes.nc or its gridded.nc."""
+    """Write ParaView files of a run.
+
+    FILE is the folder of the run, its floes.nc or its gridded.nc.
+    """
     from floebmi.paraview import export as write
 
     files = [path for path in _outputs(file) if path is not None]
@@ -617,14 +662,17 @@ def _progress(unit: str) -> Iterator[Callable[[int, int], None]]:
 
 @floebmi.command()
 @click.argument("cases", nargs=-1, metavar="[CASE]...")
-@click.option("--long", is_flag=True, help="More steps, more floes, wider ranges; minutes.")
+@click.option("--long", is_flag=True, help="More steps, more floes, wider ranges; takes minutes.")
 @click.option(
     "--save", "target", type=PATH, metavar="FILE.json",
-    help="Write what was measured as JSON, too.",
+    help="Also write the results as JSON.",
 )  # fmt: skip
 @_force_option
 def validate(cases: tuple[str, ...], long: bool, target: Path | None, force: bool) -> None:
-    """Measure how the model stands its extremes, all or each CASE: measured, pass mark, source."""
+    """Run extreme cases against their pass marks.
+
+    Runs all cases, or each CASE named, and prints what was measured, the pass mark and its source.
+    """
     from floebmi import validate as extremes
 
     chosen = extremes.find(cases)

@@ -8,7 +8,6 @@ A law is a NamedTuple of numbers; `None` is the law that is not there, and compi
 
 import functools
 import inspect
-import time
 from collections.abc import Callable
 from types import FunctionType
 from typing import Any, get_type_hints
@@ -22,6 +21,7 @@ from numba.extending import overload, register_jitable
 
 from floebmi.errors import InputError
 from floebmi.kept_code import Cache, digest_of, is_ours, laws_from_outside
+from floebmi.making import Making
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
 # Inlined into what Python calls.  Else each kernel would bring its own compiled copy of a function that several call,
@@ -76,28 +76,6 @@ _dispatched: list[Any] = []  # all functions whose code is picked by type
 def has_code(law: type) -> bool:
     """Whether any code is registered for a kind of law itself."""
     return any(law in one.registry for one in _dispatched)
-
-
-class Making:
-    """What it took this process to compile kernels or load them."""
-
-    seconds = 0.0  # of a processor
-    _depth = 0  # kernels are compiled while another is
-
-    @classmethod
-    def timed(cls, make: Callable) -> Callable:
-        @functools.wraps(make)
-        def made(*args):
-            begin = time.process_time()
-            cls._depth += 1
-            try:
-                return make(*args)
-            finally:
-                cls._depth -= 1
-                if not cls._depth:
-                    cls.seconds += time.process_time() - begin
-
-        return made
 
 
 def _compiled(function: Callable, options: dict) -> Any:

@@ -85,13 +85,15 @@ def _find(x, y, reach, land, period_x, period_y):
         level[k] = max(int(np.floor(np.log2(reach[k] / smallest))), 0)  # rounding may give −1
     level[land] = level.max() + 1
     grids, cell_start, items = _levels(x, y, reach, level, period_x, period_y)
+    in_cells = x[items], y[items], reach[items]  # read one after the other
     start = np.empty(x.size + 1, np.int64)
     room = 4 * x.size + 64
     while True:
         i, j = np.empty(room, np.int32), np.empty(room, np.int32)
         found, tested = _search(
-            x, y, reach, land, level, period_x, period_y, grids, cell_start, items, start, i, j
-        )
+            x, y, reach, land, level, period_x, period_y, grids, cell_start, items, in_cells,
+            start, i, j,
+        )  # fmt: skip
         if found <= room:
             return start, i[:found], j[:found], tested
         room = found
@@ -179,11 +181,12 @@ def _counting_sort(cell, n_cells):
 
 @jit
 def _search(
-    x, y, reach, land, level, period_x, period_y, grids, cell_start, items, start, out_i, out_j
+    x, y, reach, land, level, period_x, period_y, grids, cell_start, items, in_cells, start, out_i,
+    out_j,
 ):  # fmt: skip
     """Fill rows of pairs; returns how many there are, also if the arrays were too short, and how many were tested."""
-    found, tested = 0, 0
-    size = out_i.size
+    found, tested, size = 0, 0, out_i.size
+    item_x, item_y, item_reach = in_cells
     for i in range(x.size):
         start[i] = found
         if land[i]:
@@ -213,13 +216,9 @@ def _search(
                     tested += cell_start[shift + end] - cell_start[shift + cx]
                     for q in range(cell_start[shift + cx], cell_start[shift + end]):
                         j = items[q]
-                        dx = x[j] - here_x
-                        dy = y[j] - here_y
-                        if period_x < np.inf:
-                            dx -= period_x * np.rint(dx / period_x)
-                        if period_y < np.inf:
-                            dy -= period_y * np.rint(dy / period_y)
-                        near = own + reach[j]
+                        dx = _nearest(item_x[q] - here_x, period_x)
+                        dy = _nearest(item_y[q] - here_y, period_y)
+                        near = own + item_reach[q]
                         if found < size:  # written in any case: what may touch cannot be foreseen
                             out_i[found] = i
                             out_j[found] = j
@@ -227,6 +226,14 @@ def _search(
                     cx, shift = end, shift - nx
     start[x.size] = found
     return found, tested
+
+
+@jit
+def _nearest(d, period):
+    """The nearest image of a distance of at most a period."""
+    if d > 0.5 * period:
+        return d - period
+    return d + period if d < -0.5 * period else d
 
 
 @jit

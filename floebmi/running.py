@@ -19,6 +19,7 @@ import numpy as np
 
 from floebmi.alone import alone, refuse_another
 from floebmi.errors import InputError, in_line
+from floebmi.making import Making, work_clock
 from floebmi.meter import meter
 from floebmi.quantities import check_flag, check_table, is_number
 
@@ -39,7 +40,7 @@ class WallTime(NamedTuple):
 
     forcing, ice, output : filling the fluids; advancing the ice; writing files
     steps, lists : the parts of `ice` in which floes stepped, and were listed by neighbours with what sets the step
-    first : the part of `ice` in the first exchange: kernels are compiled or loaded there
+    making : compiling kernels, or loading those compiled before; in none of the others
     total : with all else
     """
 
@@ -48,7 +49,7 @@ class WallTime(NamedTuple):
     steps: float
     lists: float
     output: float
-    first: float
+    making: float
     total: float
 
     @property
@@ -65,7 +66,7 @@ class Report(NamedTuple):
     finished : False if it was stopped before its end
     start, end : simulated time [s]
     wall : seconds on the clock, by what they were spent on
-    floe_steps, first_steps : steps of all floes in this run, and in its first exchange
+    floe_steps : steps of all floes in this run
     counters : of the model, since its start, as this run ended
     ledger : mass, momentum and energy of the ice, likewise
     contacts : pairs of floes that pushed or held each other as it ended
@@ -78,7 +79,6 @@ class Report(NamedTuple):
     end: float
     wall: WallTime
     floe_steps: int
-    first_steps: int
     counters: "Counters"
     ledger: "Ledger"
     contacts: int
@@ -87,8 +87,8 @@ class Report(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Floe-steps per second after the first exchange; 0 if there was only one."""
-        return _ratio(self.floe_steps - self.first_steps, self.wall.ice - self.wall.first)
+        """Floe-steps per second of advancing the ice."""
+        return _ratio(self.floe_steps, self.wall.ice)
 
     def __str__(self) -> str:
         return (
@@ -101,7 +101,7 @@ class Report(NamedTuple):
     def profile(self) -> str:
         """A table of where the time went, and of what was counted."""
         c, wall = self.counters, self.wall
-        rest = wall.total - wall.forcing - wall.ice - wall.output
+        rest = wall.total - wall.forcing - wall.ice - wall.output - wall.making
         per_floe_step = _ratio(1e9, self.speed)
         rows = [
             (name, f"{seconds:.2f} s", f"{seconds / wall.total:.0%}")
@@ -111,14 +111,13 @@ class Report(NamedTuple):
                 ("  steps", wall.steps),
                 ("  lists of neighbours", wall.lists),
                 ("  exchange", wall.exchange),
-                ("  all in the first exchange", wall.first),
                 ("output", wall.output),
+                ("making kernels", wall.making),
                 ("rest", rest),
             )
         ]  # fmt: skip
         rows += [
-            ("a floe-step, later on", f"{per_floe_step:.1f} ns", ""),
-            # no seconds: the first steps may have been compiled meanwhile
+            ("a floe-step", f"{per_floe_step:.1f} ns", ""),
             *((f"  {name} in a step", f"{share:.0%}", "") for name, share in self.shares.items()),
             ("steps", f"{c.steps}", ""),
             ("floe-steps", f"{c.floe_steps}", ""),
@@ -212,10 +211,10 @@ def run(
     every = _positive("every", total / 20 if every is None else every)
     exchange = every if exchange is None else _positive("exchange", exchange)
     exchanges = check_intervals(every, exchange)
-    start, end = model.time, model.time + total
+    start, end, before = model.time, model.time + total, model.counters.floe_steps
     _check_sources(model, {"ocean": ocean, "atmosphere": atmosphere}, start, end)
     drive = Forcing(model, ocean, atmosphere)
-    clock = _Stopwatch(model)
+    clock = _Stopwatch()
     files = _files_of({"gridded": gridded, "trajectories": trajectories, "restart": restart})
     if restart is not None:
         check_target(Path(restart), overwrite)
@@ -268,7 +267,7 @@ def run(
             save_restart(restart, state, of_state)
     wall = clock.wall_time()
     return Report(
-        model.time == end, start, model.time, wall, clock.floe_steps(model), clock.first_steps,
+        model.time == end, start, model.time, wall, model.counters.floe_steps - before,
         dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files),
         shares_of_a_step(model) if profile else {},
     )  # fmt: skip
@@ -419,22 +418,17 @@ def _write(writers: "list[GriddedWriter | TrajectoryWriter]", model: "Model") ->
 
 
 class _Stopwatch:
-    """Seconds that a run spends, by what it spends them on.
+    """Seconds that a run spends, by what it spends them on."""
 
-    first_steps : steps of all floes in the first exchange
-    """
-
-    def __init__(self, model: "Model") -> None:
-        self._begin, self._steps = time.perf_counter(), model.counters.floe_steps
+    def __init__(self) -> None:
+        self._begin, self._made = time.perf_counter(), Making.clock
         self._spent = {"forcing": 0.0, "ice": 0.0, "steps": 0.0, "lists": 0.0, "output": 0.0}
-        self._first: float | None = None  # seconds of the first exchange
-        self.first_steps = 0
 
     @contextlib.contextmanager
     def of(self, what: str) -> Iterator[None]:
-        begin = time.perf_counter()
+        begin = work_clock()
         yield
-        self._spent[what] += time.perf_counter() - begin
+        self._spent[what] += work_clock() - begin
 
     @contextlib.contextmanager
     def of_ice(self, model: "Model") -> Iterator[None]:
@@ -443,16 +437,10 @@ class _Stopwatch:
             yield
         self._spent["steps"] += model.seconds.steps - before.steps
         self._spent["lists"] += model.seconds.lists - before.lists
-        if self._first is None:
-            self._first, self.first_steps = self._spent["ice"], self.floe_steps(model)
-
-    def floe_steps(self, model: "Model") -> int:
-        """Steps of all floes since the run began."""
-        return model.counters.floe_steps - self._steps
 
     def wall_time(self) -> WallTime:
         total = time.perf_counter() - self._begin
-        return WallTime(**self._spent, first=self._first or 0.0, total=total)
+        return WallTime(**self._spent, making=Making.clock - self._made, total=total)
 
 
 @contextlib.contextmanager

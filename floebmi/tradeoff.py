@@ -30,7 +30,7 @@ from floebmi.files import check_new_folder, check_target, contents, path_of
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
-from floebmi.kernels import Making
+from floebmi.making import work_of_processor
 from floebmi.output import FILE_VERSION, open_file
 from floebmi.pairs import wrap
 from floebmi.plot import graph
@@ -163,9 +163,9 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
     frames, spent, drift = [], 0.0, np.zeros(2)
     for k in range(1, round(schedule.duration / schedule.exchange) + 1):
         drive.fill((k - 0.5) * schedule.exchange)
-        here, begin = model.floes.copy(), _worked()
+        here, begin = model.floes.copy(), work_of_processor()
         model.advance(k * schedule.exchange - model.time)
-        spent += _worked() - begin
+        spent += work_of_processor() - begin
         drift = drift + _way(model, here)
         if k % round(schedule.every / schedule.exchange) == 0:
             frames.append(_frame(model, grid, drift))
@@ -179,11 +179,6 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
         "cost": np.array(spent),
         "cost_per_day": np.array(spent * 86400.0 / schedule.duration),
     }
-
-
-def _worked() -> float:
-    """Seconds of a processor, not of the clock, since other runs share the machine; without those for compiling kernels."""
-    return time.process_time() - Making.seconds
 
 
 def _way(model: "Model", before: Floes) -> np.ndarray:

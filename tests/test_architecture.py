@@ -57,9 +57,9 @@ def test_physics_does_not_know_who_runs_it(below, above):
     assert not reached & above
 
 
-def test_every_file_has_its_room_in_the_design():
-    rooms = (ROOT / "docs/design.md").read_text().partition("| room | files |")[2]
-    named = re.findall(r"`(\w+)`", rooms.partition("\n\n")[0])
+def test_every_file_has_its_group_in_the_design():
+    groups = (ROOT / "docs/design.md").read_text().partition("| group | files |")[2]
+    named = re.findall(r"`(\w+)`", groups.partition("\n\n")[0])
     assert sorted(named) == [path.stem for path in FILES if not path.stem.startswith("__")]
 
 

@@ -60,8 +60,8 @@ def test_the_docs_show_the_table_as_it_is():
 
 def test_the_help_tells_what_is_run_without_options(cli):
     told = " ".join(cli("shear --help").stdout.split())
-    assert "stress N of the wall on top [Pa]; 5000,10000,20000,40000,80000." in told
-    assert "(shear: 3, strait: 20)" in told
+    assert "normal stress N on the top wall [Pa] (default: 5000,10000,20000,40000,80000)." in told
+    assert "(default: shear 3, strait 20)" in told
 
 
 def test_no_friction_and_no_strength_leave_rotation_and_bonds_out():

@@ -15,7 +15,7 @@ from floebmi.cli import floebmi as command
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes, without_small
 from floebmi.grid import Grid
-from floebmi.kernels import Making
+from floebmi.making import Making
 from floebmi.model import Model
 from floebmi.scene import read_scene
 

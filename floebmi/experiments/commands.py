@@ -46,7 +46,7 @@ def _experiment_options(kind: str) -> Callable:
             shown = ",".join(one if isinstance(one, str) else f"{one:g}" for one in usual)
             function = click.option(
                 f"--{name.replace('_', '-')}", name, type=_Several(isinstance(default, str)),
-                metavar="VALUE[,…]", help=f"{row.meaning}{unit}; {shown}.",
+                metavar="VALUE[,…]", help=f"{row.meaning}{unit} (default: {shown}).",
             )(function)  # fmt: skip
         return function
 
@@ -61,18 +61,18 @@ def _ensemble_options(function: Callable) -> Callable:
         [
             click.option(
                 "--seeds", type=click.IntRange(1),
-                help=f"Number of seeds of each point ({', '.join(f'{k}: {n}' for k, n in SEEDS.items())}).",
+                help=f"Number of seeds at each point of the sweep (default: {', '.join(f'{k} {n}' for k, n in SEEDS.items())}).",
             ),
             click.option(
                 "--save", type=PATH, metavar="FILE",
-                help="NetCDF file to make, else shear.nc or strait.nc here; with --figure the picture, else figure-N.png. "
+                help="NetCDF file to write (default: shear.nc or strait.nc), or with --figure the picture (default: figure-N.png). "
                 "Finished members are kept beside it and not run again.",
             ),
             click.option(
                 "--figure", type=click.IntRange(1, 10), metavar="N",
-                help="Run what figure N of the paper shows, and draw it.",
+                help="Run the experiment of figure N of the paper, and draw it.",
             ),
-            click.option("--jobs", type=click.IntRange(1), help="Processes; default: all cores."),
+            click.option("--jobs", type=click.IntRange(1), help="Number of processes (default: all cores)."),
             click.option(
                 "--cluster", metavar="ADDRESS", help="Run on the Dask cluster with this scheduler."
             ),
@@ -85,12 +85,15 @@ def _ensemble_options(function: Callable) -> Callable:
 
 @click.group(cls=Group)
 def experiment() -> None:
-    """Repeat the experiments of the paper; several values with commas between them make a sweep."""
+    """Repeat the experiments of the paper.
+
+    Several values separated by commas make a sweep.
+    """
 
 
 @experiment.command("table")
 def _table() -> None:
-    """Print every parameter of both experiments, with its source."""
+    """Print all parameters and their sources."""
     from floebmi.experiments import parameters
 
     for kind in (parameters.Shear, parameters.Strait):
@@ -101,7 +104,7 @@ def _table() -> None:
 @_experiment_options("shear")
 @_ensemble_options
 def _shear(**options: Any) -> None:
-    """How strong is a pack of floes?  Simple shear under a loaded wall (Figs 1, 3, 4)."""
+    """Shear a pack under a loaded wall (Figs 1, 3, 4)."""
     _experiment("shear", **options)
 
 
@@ -109,7 +112,7 @@ def _shear(**options: Any) -> None:
 @_experiment_options("strait")
 @_ensemble_options
 def _strait(**options: Any) -> None:
-    """How soon does a strait jam?  Floes driven through a funnel (Figs 2, 5 to 10)."""
+    """Drive floes through a strait until it jams (Figs 2, 5 to 10)."""
     _experiment("strait", **options)
 
 

@@ -33,24 +33,24 @@ Share = Annotated[float, Gt(0), Lt(1)]
 
 FRICTION = Row(
     "1",
-    "coefficient of friction μ; 0 leaves friction and rotation out",
+    "friction coefficient μ; 0 turns friction and rotation off",
     "stated: 0.3, sections 3, 4",
 )
 TENSILE = Row(
-    "Pa", "tensile strength σ_c; 0 leaves bonds out", "stated: 0 (frictional) or 200 kPa (cohesive)"
+    "Pa", "tensile strength σ_c; 0 turns bonds off", "stated: 0 (frictional) or 200 kPa (cohesive)"
 )
 YOUNG = Row("Pa", "Young's modulus E", "stated: 20 MPa")
 POISSON = Row("1", "Poisson's ratio ν", "stated: 0.185")
-DENSITY = Row("kg m-3", "density of ice", "reference code")
+DENSITY = Row("kg m-3", "ice density", "reference code")
 EXPONENT = Row("1", "exponent of the power law of floe radii", "stated: −1.8")
-THICKNESS = Row("m", "thickness of the floes", "chosen: 1 m, which the paper does not give")
+THICKNESS = Row("m", "floe thickness", "chosen: 1 m; the paper does not give it")
 RESTITUTION = Row(
-    "1", "coefficient of restitution; 1 leaves dashpots out", "the paper has no dashpots"
+    "1", "coefficient of restitution; 1 turns dashpots off", "the paper has no dashpots"
 )
 PRESET = Row(
     "",
-    "default: velocity Verlet, true lever arms; damsgaard2018: as the paper ran it; granular.jl-0.3.2: "
-    "the same with its code's drag; constant-cd: default with drag on the floe's area",
+    "default: velocity Verlet, true lever arms; damsgaard2018: scheme, step and lever arms of the paper; "
+    "granular.jl-0.3.2: the same with the drag of that code; constant-cd: default with drag on the floe's area",
     "chosen: the default scheme; the printed drag",
 )
 
@@ -60,25 +60,27 @@ class Shear(NamedTuple):
 
     friction: Annotated[NonNegative, FRICTION] = 0.3
     tensile_strength: Annotated[NonNegative, TENSILE] = 0.0
-    normal_stress: Annotated[Positive, Row("Pa", "stress N of the wall on top", "stated: 5 to 80 kPa")] = 20e3  # fmt: skip
+    normal_stress: Annotated[Positive, Row("Pa", "normal stress N on the top wall", "stated: 5 to 80 kPa")] = 20e3  # fmt: skip
     floes: Annotated[float, Ge(1), Row("1", "number of floes", "chosen: at least 1000")] = 1000
-    height: Annotated[Positive, Row("m", "height of the settled pack, about", "chosen: the inertia number is then 2e-3 to 1e-2 for 80 to 5 kPa")] = 1300.0  # fmt: skip
+    height: Annotated[Positive, Row("m", "approximate height of the settled pack", "chosen: gives an inertia number of 2e-3 to 1e-2 for 80 to 5 kPa")] = 1300.0  # fmt: skip
     radius_min: Annotated[Positive, Row("m", "smallest radius", "stated: 5 m")] = 5.0
     radius_max: Annotated[Positive, Row("m", "largest radius", "stated: 50 m")] = 50.0
     exponent: Annotated[float, EXPONENT] = -1.8
     thickness: Annotated[Positive, THICKNESS] = 1.0
-    speed: Annotated[Positive, Row("m s-1", "of the driven floes along +x", "stated: 1 m/s")] = 1.0
-    held: Annotated[Positive, Row("m", "floes this near to the bottom stand still, this near to the top are driven", "stated: one floe size; read as the largest diameter")] = 100.0  # fmt: skip
-    concentration: Annotated[Share, Row("1", "area of floes over that of the box before it settles", "chosen: the densest that is quick to settle")] = 0.75  # fmt: skip
-    settling: Annotated[Positive, Row("s", "time to settle in water that flows to −y", "chosen: all floes have come to rest")] = 200.0  # fmt: skip
-    settling_speed: Annotated[Positive, Row("m s-1", "of that water", "chosen: small against elastic waves")] = 2.0  # fmt: skip
-    consolidation: Annotated[Positive, Row("s", "time under the wall before the shear", "chosen: the wall has come to rest")] = 150.0  # fmt: skip
-    wall_damping: Annotated[NonNegative, Row("1", "of the wall, over the critical damping of the pack as a spring", "chosen: small, for a damped wall that sinks with the pack bears part of N itself")] = 0.1  # fmt: skip
+    speed: Annotated[
+        Positive, Row("m s-1", "speed of the driven floes along +x", "stated: 1 m/s")
+    ] = 1.0
+    held: Annotated[Positive, Row("m", "distance from the bottom within which floes are fixed, and from the top within which they are driven", "stated: one floe size; taken as the largest diameter")] = 100.0  # fmt: skip
+    concentration: Annotated[Share, Row("1", "area fraction of floes in the box before settling", "chosen: the densest that settles quickly")] = 0.75  # fmt: skip
+    settling: Annotated[Positive, Row("s", "settling time, in water that flows along −y", "chosen: all floes have come to rest")] = 200.0  # fmt: skip
+    settling_speed: Annotated[Positive, Row("m s-1", "speed of that water", "chosen: small compared with elastic waves")] = 2.0  # fmt: skip
+    consolidation: Annotated[Positive, Row("s", "time under the loaded wall before shearing", "chosen: the wall has come to rest")] = 150.0  # fmt: skip
+    wall_damping: Annotated[NonNegative, Row("1", "damping of the wall, relative to critical damping with the pack as a spring", "chosen: small, since a damped wall that sinks with the pack carries part of N itself")] = 0.1  # fmt: skip
     duration: Annotated[
-        Positive, Row("s", "time of shear", "chosen: a strain of three quarters")
+        Positive, Row("s", "duration of shearing", "chosen: a strain of three quarters")
     ] = 900.0
-    steady: Annotated[Share, Row("1", "last share of the shear that the means are taken over", "chosen: the stress has levelled off")] = 0.6  # fmt: skip
-    interval: Annotated[Positive, Row("s", "between measurements", "chosen: shorter than the wall's swing")] = 2.0  # fmt: skip
+    steady: Annotated[Share, Row("1", "final fraction of the shearing, over which means are taken", "chosen: the stress has levelled off")] = 0.6  # fmt: skip
+    interval: Annotated[Positive, Row("s", "interval between measurements", "chosen: shorter than the oscillation of the wall")] = 2.0  # fmt: skip
     youngs_modulus: Annotated[Positive, YOUNG] = 2e7
     poisson_ratio: Annotated[PoissonRatio, POISSON] = 0.185
     restitution: Annotated[PositiveFraction, RESTITUTION] = 1.0
@@ -95,22 +97,24 @@ class Strait(NamedTuple):
     thickness: Annotated[Positive, THICKNESS] = 1.0
     radius_min: Annotated[Positive, Row("m", "smallest radius", "stated: 600 m")] = 600.0
     radius_max: Annotated[Positive, Row("m", "largest radius", "stated: 1350 m")] = 1350.0
-    spread: Annotated[NonNegative, Row("1", "widens the range of radii about its middle by this factor", "chosen: the paper varies the range (Fig. 9)")] = 1.0  # fmt: skip
+    spread: Annotated[NonNegative, Row("1", "factor by which the range of radii is widened about its middle", "chosen: the paper varies the range (Fig. 9)")] = 1.0  # fmt: skip
     exponent: Annotated[float, EXPONENT] = -1.8
-    hours: Annotated[Positive, Row("h", "length of a run, if it does not jam", "chosen: a day")] = (
-        24.0
-    )
-    slope: Annotated[Positive, Row("1", "of the funnel's walls, along x over along y", "chosen: 45°, near the reference code's 39°")] = 1.0  # fmt: skip
+    hours: Annotated[
+        Positive, Row("h", "duration of a run that does not jam", "chosen: one day")
+    ] = 24.0
+    slope: Annotated[Positive, Row("1", "slope of the funnel walls, Δx/Δy", "chosen: 45°, near the 39° of the reference code")] = 1.0  # fmt: skip
     funnel: Annotated[Positive, Row("m", "length of the funnel", "chosen: holds about a hundred floes")] = 18e3  # fmt: skip
-    channel: Annotated[Positive, Row("m", "length of the strait below it", "chosen: two large floes")] = 3e3  # fmt: skip
-    wall_radius: Annotated[Positive, Row("m", "of the fixed floes of the walls, side by side", "reference code: the smallest floe's")] = 600.0  # fmt: skip
-    current: Annotated[NonNegative, Row("m s-1", "largest speed of the ocean, in mid-strait", "stated: 0 to 4 m/s")] = 4.0  # fmt: skip
-    wind: Annotated[NonNegative, Row("m s-1", "towards −y", "stated: 30 m/s")] = 30.0
-    concentration: Annotated[Share, Row("1", "area of floes over that of the funnel at the start", "chosen: dense, and not yet in contact")] = 0.7  # fmt: skip
-    patience: Annotated[Positive, Row("s", "without a floe through the outlet: jammed", "stated: 1 h")] = 3600.0  # fmt: skip
-    exchange: Annotated[Positive, Row("s", "between readings of the current at the floes", "chosen: a floe moves half a cell at most")] = 300.0  # fmt: skip
-    spacing: Annotated[Positive, Row("m", "of the grid that carries the current", "chosen: of a floe's size")] = 1000.0  # fmt: skip
-    interval: Annotated[Positive, Row("s", "between values of the transport", "chosen")] = 600.0
+    channel: Annotated[Positive, Row("m", "length of the strait below the funnel", "chosen: two large floes")] = 3e3  # fmt: skip
+    wall_radius: Annotated[Positive, Row("m", "radius of the fixed floes that line the walls", "reference code: that of the smallest floe")] = 600.0  # fmt: skip
+    current: Annotated[NonNegative, Row("m s-1", "maximum speed of the ocean, in mid-strait", "stated: 0 to 4 m/s")] = 4.0  # fmt: skip
+    wind: Annotated[NonNegative, Row("m s-1", "wind speed, towards −y", "stated: 30 m/s")] = 30.0
+    concentration: Annotated[Share, Row("1", "area fraction of floes in the funnel at the start", "chosen: dense, but not yet in contact")] = 0.7  # fmt: skip
+    patience: Annotated[Positive, Row("s", "time without a floe through the outlet after which a run counts as jammed", "stated: 1 h")] = 3600.0  # fmt: skip
+    exchange: Annotated[Positive, Row("s", "interval at which the current is sampled at the floes", "chosen: a floe moves at most half a cell")] = 300.0  # fmt: skip
+    spacing: Annotated[Positive, Row("m", "spacing of the grid that carries the current", "chosen: about the size of a floe")] = 1000.0  # fmt: skip
+    interval: Annotated[
+        Positive, Row("s", "interval between values of the transport", "chosen")
+    ] = 600.0
     youngs_modulus: Annotated[Positive, YOUNG] = 2e7
     poisson_ratio: Annotated[PoissonRatio, POISSON] = 0.185
     restitution: Annotated[PositiveFraction, RESTITUTION] = 1.0
