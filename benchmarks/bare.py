@@ -1,9 +1,9 @@
 """What physics that a scene does not list costs: `python -m benchmarks.bare [--floes 10000]`.
 
-The cohesive law written out by hand, with nothing else in it: springs, bonds, the blows that end the steps in which
-they open or close, and the energy that broken bonds lose.  No spin, friction, dashpot, failure, healing, beam, walls,
-coast, held floes, fluids.  Package and hand step the same packs on the same list of neighbours, in turn: they must
-end with the same places, and the ratio of their times is what the package's other physics costs where it is absent.
+A kernel written by hand has the cohesive law and nothing else: springs, bonds, the impulses at the end of steps in which
+contacts open or close, and the energy lost with broken bonds.  No rotation, friction, dashpot, failure, healing, beam,
+walls, coast, held floes or fluids.  Package and hand-written kernel take turns on the same pack and neighbour list.  They
+must end with the same positions; the ratio of their times is what the package's other physics costs where it is absent.
 """
 
 import argparse
@@ -39,7 +39,7 @@ BLOW_N = 4 * BLOCK  # row of the buffer
 
 @in_place
 def shorten(side, floes, reach, margin, i, j, begin, end, near_i, near_j, slot, first):
-    """The pairs of a tile that may touch in the next steps; returns how many."""
+    """List the pairs of a tile that may touch in the next steps; returns how many."""
     n = 0
     for p in range(begin, end):
         a, b = i[np.uintp(p)], j[np.uintp(p)]
@@ -76,7 +76,7 @@ def bonds_and_springs(
     side, youngs_modulus, tensile_strength, floes, force, near_i, near_j, near_bonded, begin, end, dt,
     lost, blows, buffer,
 ):  # fmt: skip
-    """The forces of the near pairs of a tile; returns how many blows they note."""
+    """Add the forces of the near pairs of a tile; returns how many blows they note."""
     noted, loss = 0, 0.0
     for first in range(begin, end, BLOCK):
         n, struck = min(BLOCK, end - first), 0.0
@@ -135,7 +135,7 @@ def note(side, i, j, k, one, buffer):
 
 @in_place
 def strike(floes, force, blows, noted, dt, lost):
-    """The blows of a tile, as the package finds them: what does the work that the steps left out."""
+    """Apply the blows of a tile, which do the work that the step left out, as the package does."""
     for q in range(noted):
         one = blows[q]
         a, b, f, g = floes[one.i], floes[one.j], force[one.i], force[one.j]
@@ -201,7 +201,7 @@ def steps_by_hand(
 
 
 class Pack:
-    """A cohesive pack on one list of neighbours, to be stepped from the same state again and again."""
+    """A cohesive pack on one neighbour list, to be stepped from the same state again and again."""
 
     def __init__(self, model: fb.Model) -> None:
         self.now: Advance = model._now()
@@ -217,7 +217,7 @@ class Pack:
         self.now.lists.near.counts[:] = 0
 
     def package(self, steps: int) -> float:
-        """Steps as `Model.advance` takes them; returns the energy that bonds lost [J]."""
+        """Take steps as `Model.advance` does; returns the energy lost with broken bonds [J]."""
         now, books = self.now, self.now._books()
         none = np.zeros(1, np.int64)
         verlet(
@@ -227,7 +227,7 @@ class Pack:
         return float(books.lost[:, BONDS].sum())
 
     def hand(self, steps: int, strength: float = 1.0) -> float:
-        """The same by hand; `strength` of the bonds, over that of the package's."""
+        """The same with the kernel written by hand; strength : of its bonds, over that of the package's."""
         now, lost = self.now, np.zeros(1)
         law, lists, near = now.contact, now.lists, now.lists.near
         steps_by_hand(

@@ -1,8 +1,8 @@
 """How much faster are bonds than friction?  `python -m benchmarks.cohesive [--floes 10000]`.
 
-The paper reports 2.1 for its interaction routine.  Here it is measured twice on the same dense pack: the
-contact forces alone, on one list of pairs, and whole advances with the same step.  Both laws take turns,
-and the best of each counts.
+The paper reports a factor of 2.1 for its interaction routine.  Here it is measured twice on the same dense pack: for the
+contact forces alone, on one neighbour list, and for whole advances with the same step.  The two laws take turns,
+and the best time of each counts.
 """
 
 import argparse

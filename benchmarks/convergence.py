@@ -1,9 +1,9 @@
-"""Errors of a smooth field on its way from a host to the floes and back: `python -m benchmarks.convergence`.
+"""Errors of a smooth field regridded from a host to the floes and back: `python -m benchmarks.convergence`.
 
-A wave on the warped cells of a host goes to the rectangular exchange grid, to floes, and straight back to the
-host.  Each column halves the cells of both grids; radii are 0.4 cells, or 450 m, 1.5 cells of the coarsest grid.  "overlap"
-is held against the mean over the floe, "centre" against the value at its centre.  The order is the slope
-between the last two columns.
+A wave on the warped cells of a host is regridded to the rectangular exchange grid; from there it goes to floes, and back
+to the host.  From column to column the cell size of both grids is halved.  Radii of floes are 0.4 cells, or 450 m, which is
+1.5 cells of the coarsest grid.  "overlap" is compared with the mean over the floe, "centre" with the value at its centre.
+The order is the slope between the last two columns.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def wave(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def over_floes(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
-    """Its exact mean over discs."""
+    """The exact mean of the wave over discs."""
     from scipy.special import j1
 
     z = 2 * np.pi * np.sqrt(5) / SIDE * radius

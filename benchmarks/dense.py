@@ -1,7 +1,7 @@
 """Floe-steps per second of a dense periodic pack: `python -m benchmarks.dense [--floes 10000] [--ratio 2]`.
 
-Discs at packing 0.85 with random velocities, double precision, one core.  Laws are measured in turn, over
-and over, and the best of each is printed: other work on the machine only ever slows one down.
+Discs at packing 0.85 with random velocities, double precision, one core.  The contact laws take turns, and the best of
+each is printed, since other work on the machine can only slow a run down.
 """
 
 import argparse

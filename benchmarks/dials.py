@@ -1,9 +1,9 @@
-"""What dials that floebmi does not have could gain at most: `python -m benchmarks.dials`.
+"""The most that dials which floebmi does not have could gain: `python -m benchmarks.dials`.
 
-Four are measured on three scenes before any of them is built: steps of each floe's own length (multirate), floes
-at rest that are held (sleeping), long steps while no contact is possible, and single precision in contacts.
-Gains are bounds: what the arithmetic saved would gain if looking after it cost nothing.  Beside them stands one that
-floebmi has, and which takes from the long steps most of what they could gain: drag that acts seldom.
+Four dials are measured on three scenes: a step of its own for each floe (multirate), holding floes that are at rest
+(sleeping), long steps while no contact is possible, and single precision in contacts.  The gains are upper bounds: they
+count the arithmetic saved as if managing it cost nothing.  For comparison stands a dial that floebmi has, and which leaves
+little for long steps to gain: drag that acts only every few steps.
 """
 
 import time
@@ -23,7 +23,7 @@ SELDOM = 16  # steps after which drag acts
 
 
 def dilute() -> fb.Model:
-    """2000 floes over 0.4 of the water that drift past each other, ten minutes after the start."""
+    """2000 floes at a concentration of 0.4 that drift past each other, ten minutes after the start."""
     model = _scattered(0.4, ("periodic",) * 4, fb.PowerLaw(10.0, 20.0, -1.8), 2000, 0.3)
     model.advance(600.0)
     return model
@@ -39,7 +39,7 @@ def jammed() -> fb.Model:
 
 
 def wide() -> fb.Model:
-    """4000 floes of 20 m to 2 km over 0.75 of the water, five minutes after the start."""
+    """4000 floes of 20 m to 2 km at a concentration of 0.75, five minutes after the start."""
     model = _scattered(0.75, ("periodic",) * 4, fb.PowerLaw(20.0, 2000.0, -1.8), 4000, 0.3)
     model.advance(300.0)
     return model
@@ -57,7 +57,7 @@ def _scattered(
 
 
 class Pairs(NamedTuple):
-    """Near pairs, and between them: branch vector [m], gap [m], rate of the gap [m/s]."""
+    """Near pairs: their branch vector [m], gap [m] and its rate [m/s]."""
 
     i: np.ndarray
     j: np.ndarray
@@ -82,7 +82,7 @@ def near(model: fb.Model, reach: float) -> Pairs:
 
 
 def multirate(model: fb.Model) -> tuple[float, float]:
-    """Floe-steps, and evaluations of pairs, of one step for all over those of each floe's own 2^k of it."""
+    """Floe-steps with one step for all, over those with a step of 2^k times it for each floe; the same for pairs evaluated."""
     f, law = model.floes, model.contact
     mass, modulus = f.mass(model.ice_density), law.elastic.youngs_modulus
     pairs = near(model, 0.5 * 0.3 * f.radius.min())
@@ -107,7 +107,7 @@ class Rest(NamedTuple):
 
 
 def sleeping(model: fb.Model, still: float, windows: int = 20) -> Rest:
-    """Floes that moved less than `still` of their radius and kept their contacts are held for the next window."""
+    """Hold floes for the next window that moved less than `still` of their radius and kept their contacts."""
     state, held_back = model.state(), model.floes.motion.copy()
     step = WINDOW * model.longest_step()
     ways, share = [], 0.0
@@ -140,7 +140,7 @@ def sleeping(model: fb.Model, still: float, windows: int = 20) -> Rest:
 
 
 def _shift(model: fb.Model, old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Way of each floe along an axis; none of these scenes moves a floe by half its domain."""
+    """Displacement of each floe along an axis; none of these scenes moves a floe by half its domain."""
     side = model.domain.x[1] - model.domain.x[0]
     return (new - old + 0.5 * side) % side - 0.5 * side
 
@@ -154,14 +154,14 @@ def _partners(model: fb.Model) -> np.ndarray:
 
 
 class Free(NamedTuple):
-    """Without contact for AHEAD steps: mean share of floes, and share of the time for all of them."""
+    """Without contact for AHEAD steps: mean share of the floes, and share of the time in which that holds for all."""
 
     floes: float
     time: float
 
 
 def without_contact(model: fb.Model, windows: int = 20) -> Free:
-    """Looks ahead from the gaps and the rates at which they close; the state is as before afterwards."""
+    """Predict contacts from the gaps and the rates at which they close; afterwards the state is as before."""
     state, dt, floes, all_free = model.state(), model.longest_step(), 0.0, 0
     for _ in range(windows):
         f = model.floes
@@ -178,7 +178,7 @@ def without_contact(model: fb.Model, windows: int = 20) -> Free:
 
 
 class Seldom(NamedTuple):
-    """How much faster steps are with drag every SELDOM of them, and the error of the displacements after 1000."""
+    """How many times as fast steps are with drag every SELDOM of them, and the error of the displacements after 1000."""
 
     gain: float
     error: float
@@ -208,7 +208,7 @@ def seldom(model: fb.Model, windows: int = 4) -> Seldom:
 
 
 def single(model: fb.Model) -> tuple[float, float]:
-    """Error of the contact forces from relative places in single precision; how much faster they are."""
+    """Error of contact forces from relative positions in single precision; how many times as fast they are."""
     pairs, f = near(model, 0.5 * 0.3 * model.floes.radius.min()), model.floes
     forces, best = [], [np.inf, np.inf]
     arguments = []
@@ -231,7 +231,7 @@ def single(model: fb.Model) -> tuple[float, float]:
 
 @numba.njit(fastmath={"contract", "reassoc", "arcp", "nsz"}, error_model="numpy")
 def _push(floes, branch, i, j, nothing, buffer, force):
-    """Elastic forces for E = 1 Pa, in blocks as the pair kernel has them."""
+    """Elastic forces for E = 1 Pa, in blocks as in the pair kernel."""
     force[:] = nothing
     for first in range(0, i.size, 64):
         n = min(64, i.size - first)

@@ -1,14 +1,14 @@
 """floebmi beside other DEM engines on one scene: `python -m benchmarks.engines [--json FILE] [--figure FILE]`.
 
 Discs at packing 0.85 in a periodic square, with random velocities of 0.5 m/s along each axis: an undamped
-linear spring, tangential history, Coulomb limit 0.3, the masses of discs.  A *loose* pack is scattered so that
+linear spring, a tangential spring with history, a friction coefficient of 0.3, the masses of discs.  A *loose* pack is scattered so that
 no discs touch, and they collide; a *jammed* one is scattered at 0.835 and pressed to 0.85, so that each disc
-touches four others all the time.  Every engine reads the same discs and takes the same steps, as long as
+touches four others throughout.  Every engine reads the same discs and takes the same steps, as long as
 floebmi would choose them (0.3 of the stability limit), in a process of its own on one core.  Engines take
 turns; each turn starts from the same discs, takes some steps to bring the pack into contact, and times the
-next ones: LAMMPS and LIGGGHTS by their own loop time, YADE and floebmi by the clock around `O.run` and
-`Model.advance`.  Kinetic energy and mean number of contacts at the end must be alike, or the engines did not
-do the same work, and the command fails.
+following ones: LAMMPS and LIGGGHTS by their own loop time, YADE and floebmi by the clock around `O.run` and
+`Model.advance`.  If kinetic energy or mean number of contacts differ at the end, the engines did not do the same
+work, and the command fails.
 
 The decks are in benchmarks/decks.  No engine is a dependency:
 
@@ -60,7 +60,7 @@ STYLES = {"lammps": ("bin", "multi"), "liggghts": ("bin",), "yade": ("",)}
 
 
 class Scene(NamedTuple):
-    """Where its files are, its discs, the step [s], and how many steps are taken before and in a turn."""
+    """Its folder, its discs, the step [s], and how many steps are taken before a turn and in it."""
 
     name: str
     folder: Path
@@ -72,11 +72,11 @@ class Scene(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """Seconds of the timed steps, the part of them in the neighbour list, and what the pack was then.
+    """Seconds of the timed steps, the part of them spent on the neighbour list, and the state of the pack.
 
     `first` and `last`, before and after the timed steps: kinetic energy of translation and of rotation [J],
-    mean number of contacts of a floe.  `memory`: the most that the process held [bytes];
-    `processor`: seconds of the whole process on the processor.
+    mean number of contacts of a floe.  `memory`: peak of the process [bytes];
+    `processor`: processor seconds of the whole process.
     """
 
     seconds: float
@@ -112,7 +112,7 @@ def periodic(side: float) -> fb.Domain:
 
 
 def pack(root: Path, n: int, ratio: float, kind: str, steps: int | None) -> Scene:
-    """A pack of about n floes; what lies in the folder already is not made again."""
+    """A pack of about n floes; one that lies in the folder already is not made again."""
     folder = root / f"{n}-{ratio:g}-{kind}"
     if not (folder / "scene.json").exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -134,7 +134,7 @@ def pack(root: Path, n: int, ratio: float, kind: str, steps: int | None) -> Scen
 
 
 def collision(root: Path, warm: int, steps: int) -> Scene:
-    """Two unequal discs that meet off their centres at the first step and touch for some 27 steps."""
+    """Two unequal discs that meet off centre at the first step and touch for some 27 steps."""
     folder = root / "two"
     folder.mkdir(parents=True, exist_ok=True)
     distance, angle = 2.499, math.radians(30)
@@ -218,7 +218,7 @@ def tuned_for(engine: str, scene: Scene) -> tuple[float, str]:
 
 
 def programs(options: argparse.Namespace) -> dict[str, str]:
-    """Engines that are here; one line for each that is not."""
+    """The engines that are installed; a line for each that is not."""
     found = {}
     for engine in options.engines:
         if engine in FLOEBMI:
@@ -249,9 +249,9 @@ def compare_collision(root: Path, found: dict[str, str]) -> dict[str, int]:
 
 
 def tune(scene: Scene, found: dict[str, str]) -> None:
-    """Processor time [s] of whole processes by skin and style of list, least of two turns each.
+    """Processor time [s] of whole processes by skin and style of the list, the smaller of two turns each.
 
-    Not the time of the clock, so that skins can be found on a busy machine.
+    Not wall time, so that skins can be found on a busy machine.
     """
     for engine, program in found.items():
         for style in STYLES.get(engine, ()):
@@ -267,7 +267,7 @@ def tune(scene: Scene, found: dict[str, str]) -> None:
 
 
 def measure(scene: Scene, found: dict[str, str], repeats: int, bare: dict[str, int]) -> list[dict]:
-    """One row an engine."""
+    """A row for each engine."""
     here = {
         engine: program
         for engine, program in found.items()
@@ -335,7 +335,7 @@ def show(rows: list[dict]) -> None:
 
 
 def same_work(rows: list[dict]) -> bool:
-    """Prints how far the others are from floebmi; few floes are chaotic, and do not count."""
+    """Print how far the others are from floebmi; packs of few floes are chaotic, and do not count."""
     by_engine = {row["engine"]: row for row in rows}
     others = [by_engine[engine] for engine in INSTALL if engine in by_engine]
     if "floebmi" not in by_engine or not others:
@@ -351,7 +351,7 @@ def same_work(rows: list[dict]) -> bool:
 
 
 def draw(rows: list[dict], file: Path) -> None:
-    """Bars: how many times faster floebmi is, by scene; whiskers from the least to the most."""
+    """Bars: how many times as fast floebmi is, by scene; whiskers from the smallest to the largest."""
     from floebmi.plot import LINES, graph
 
     rows = sorted(rows, key=lambda row: (row["size_ratio"], row["scene"][-5:], row["floes"]))

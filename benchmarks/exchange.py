@@ -1,9 +1,8 @@
-"""Cost of one exchange in steps of the floes: `python -m benchmarks.exchange [--floes 10000] [--cells 200]`.
+"""What one exchange costs, in steps of the floes: `python -m benchmarks.exchange [--floes 10000] [--cells 200]`.
 
-A host sets four velocities, updates, and reads: the two stresses on the ocean, or everything there is.  Many exchanges
-of few steps, one after the other, and one of many steps in turn: what a further step costs is the difference, renewals of the list
-included; what is left of a short exchange, in the mean, is its overhead.  Then where the overhead goes, from a profile of short
-exchanges, which has a step or two in it.
+A host sets four velocities, updates, and reads the two stresses on the ocean, or all outputs.  A series of short exchanges
+alternates with one long exchange.  Their difference gives the cost of a step, rebuilds of the neighbour list included; the
+rest of the mean short exchange is its overhead.  A profile of exchanges of one step then shows where the overhead goes.
 """
 
 import argparse
@@ -99,7 +98,7 @@ def velocities(ice: FloeBmi) -> list[np.ndarray]:
 def exchange(
     ice: FloeBmi, duration: float, given: list[np.ndarray], outputs: Sequence[str]
 ) -> tuple[int, float]:
-    """One exchange as a host makes it: steps taken, and seconds of wall time."""
+    """One exchange as a host makes it: the steps taken, and the wall time [s]."""
     cells, one = np.empty(ice.model.grid.size), np.empty(1)
     before, begin = ice.model.counters.steps, time.perf_counter()
     for name, values in zip(INPUTS, given, strict=True):
@@ -111,7 +110,7 @@ def exchange(
 
 
 def measure(ice: FloeBmi, outputs: Sequence[str], repeats: int) -> np.ndarray:
-    """Overhead [s] and cost of a step [s] of each repeat."""
+    """The overhead [s] and the cost of a step [s], of each repeat."""
     given, rows, step = velocities(ice), [], ice.model.longest_step()
     for _ in range(repeats):
         several = [exchange(ice, 2 * step, given, outputs) for _ in range(SHORT)]

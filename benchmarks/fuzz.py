@@ -1,10 +1,10 @@
-"""Random scenes, many of them: `python -m benchmarks.fuzz [--scenes 1000] [--seed 0]`.
+"""Runs many random scenes: `python -m benchmarks.fuzz [--scenes 1000] [--seed 0]`.
 
-A scene is drawn at random: floes of wide ranges of place, size, thickness and velocity, some held, driven or of
-land; edges, walls and inflow; laws of contact and their numbers; fluids, their grids and masks; schemes, steps and
-exchanges.  It must run with mass and momentum closed to round-off, energy within its bound, no number that is not
-finite and every field with its bounds; or be refused by InputError or StabilityError in one line.  Whatever else
-happens is printed with the scene, which `tests/test_fuzz.py` can then keep as a case.
+A scene is drawn at random: floes of wide ranges of position, size, thickness and velocity, some held, driven or land;
+edges, walls and inflow; contact laws and their numbers; fluids, their grids and masks; schemes, steps and
+exchanges.  It must run with mass and momentum closed to round-off, the energy residual within its bound, all numbers
+finite and all fields within their bounds; or InputError or StabilityError must refuse or stop it in one line.  Anything
+else is printed with the scene, which `tests/test_fuzz.py` can then keep as a case.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def _logarithmic(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 class Laws(NamedTuple):
-    """What a scene is made of.  Each combination is compiled once, so there are only so many."""
+    """What a scene is made of.  Each combination is compiled once, so there are few of them."""
 
     edges: tuple[str, str]  # west and east, south and north
     wall: str
@@ -104,7 +104,7 @@ def scenes(draw: st.DrawFn, laws: Sequence[Laws] = MANY) -> dict[str, Any]:
 
 
 def model_of(s: dict[str, Any]) -> fb.Model:
-    """The model of a scene; InputError where it cannot be."""
+    """The model of a scene; InputError if there can be none."""
     rng, n, side = np.random.default_rng(s["seed"]), s["n"], s["side"]
     low = s["origin"] * side
     x, y = (low, low + side), (low, low + side * s["shape"])
@@ -154,7 +154,7 @@ def model_of(s: dict[str, Any]) -> fb.Model:
 
 @contextmanager
 def unwritten_memory() -> Iterator[None]:
-    """New arrays that numpy leaves as they are hold what none should: NaN, integers of −1.  Nothing compiles meanwhile."""
+    """Fill new arrays that numpy leaves uninitialised with what none should hold: NaN, integers of −1.  Nothing compiles meanwhile."""
 
     def spoiling(make: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
         def make_and_spoil(*args: Any, **options: Any) -> np.ndarray:
@@ -173,14 +173,14 @@ def unwritten_memory() -> Iterator[None]:
 
 
 class Outcome(NamedTuple):
-    """How a scene ended: "ran", "refused", "stopped" or "broken", and what was said."""
+    """How a scene ended: "ran", "refused", "stopped" or "broken", and the message."""
 
     word: str
     text: str
 
 
 def outcome(scene: dict[str, Any]) -> Outcome:
-    """Run a scene and look at what came out."""
+    """Run a scene and check the result."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
@@ -201,7 +201,7 @@ def outcome(scene: dict[str, Any]) -> Outcome:
 
 
 def _coming_in(scene: dict[str, Any]) -> float:
-    """Hundred √(m/k) of the smallest floe [s], so that no inflow makes an exchange of millions of steps."""
+    """A hundred √(m/k) of the smallest floe [s], so that no inflow makes an exchange of millions of steps."""
     smallest = scene["largest"] / scene["size_ratio"]
     return 100.0 * smallest * float(np.sqrt(934.0 * np.pi / scene["youngs_modulus"]))
 

@@ -1,10 +1,9 @@
-"""How cost and memory grow with number, sizes and packing of floes: `python -m benchmarks.growth [--figure FILE]`.
+"""Cost and memory against number, sizes and packing of floes: `python -m benchmarks.growth [--figure FILE]`.
 
 Frictional discs in a periodic square with random velocities, double precision, one core: 10 000 floes, size ratio 2,
-packing 0.85, and one of the three varied.
-Scenes take turns and the best of each counts, so that other work on the machine troubles all alike.
-Memory: arrays that a model and its contact list hold between two list renewals, counted one by one, those
-of a row per floe and those of a row per listed pair apart; and what the process grew by at its peak.
+packing 0.85, with one of the three varied.  Scenes take turns and the best of each counts, so that other work on the
+machine affects all alike.  Memory is that of the arrays which a model and its neighbour list hold between two
+rebuilds, counted one by one, per floe and per listed pair; and the growth of the process at its peak.
 """
 
 import argparse
@@ -39,7 +38,7 @@ def pack(
 def cost(
     models: dict[float, fb.Model], repeats: int, floe_steps: float = 2e6
 ) -> dict[float, float]:
-    """Best time of a floe-step [ns], list renewals included."""
+    """Best time of a floe-step [ns], rebuilds of the neighbour list included."""
     best = dict.fromkeys(models, np.inf)
     for _ in range(repeats):
         for name, model in models.items():
@@ -59,7 +58,7 @@ def table(what: str, spent: dict[float, float]) -> None:
 
 
 def draw(costs: dict[str, dict[float, float]], to: Path) -> None:
-    """Cost of a floe-step against what is varied, a panel each."""
+    """Cost of a floe-step against each quantity that is varied, in panels."""
     with graph(9, 3) as figure:
         panels = figure.subplots(1, len(costs), sharey=True)
         for panel, (what, spent), color in zip(panels, costs.items(), LINES, strict=False):
@@ -72,7 +71,7 @@ def draw(costs: dict[str, dict[float, float]], to: Path) -> None:
 
 
 def arrays_of(thing: object, seen: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
-    """Each array that can be reached from a thing, once; views count as what they look at."""
+    """Each array that can be reached from a thing, once; a view counts as the array that it views."""
     if isinstance(thing, np.ndarray):
         while isinstance(thing.base, np.ndarray):
             thing = thing.base

@@ -1,11 +1,10 @@
-"""How near the machine's limit the step is: `python -m benchmarks.limit [--floes 1000000]`.
+"""How near a step is to the limits of the machine: `python -m benchmarks.limit [--floes 1000000]`.
 
-One core.  Memory: a triad a[i] = b[i] + s c[i] on arrays far larger than the cache gives the bandwidth, and the
-arrays that a step must read and write, each once, give the least that it moves.  Instructions: valgrind
-counts them, for two runs that differ in nothing but the number of steps, so that what is counted is steps
-alone; code is compiled for an old processor, two numbers to an instruction, which makes the counts the same on
-every machine that has the same numba.  A loop of multiply-adds in the nearest cache shows what arithmetic
-this core can do.
+On one core.  Memory: a triad a[i] = b[i] + s c[i] on arrays far larger than the cache gives the bandwidth; the
+arrays that a step must read and write, each once, give the least that it moves.  Arithmetic: a loop of multiply-adds in
+the nearest cache shows what this core can do.  Instructions: valgrind counts them for two runs that differ only in the
+number of steps, so that the difference is that of steps alone.  The code is compiled for an old processor, two numbers
+per instruction, which makes the counts the same on all machines with the same numba.
 """
 
 import argparse
@@ -43,7 +42,7 @@ SLOW = 0.05  # [m/s]: floes that keep their list of neighbours all the while
 
 
 def pack(law: str, n: int, speed: float) -> fb.Model:
-    """The scene of benchmarks/engines.py, size ratio 2; slow floes need no new list of neighbours."""
+    """The scene of benchmarks/engines.py, size ratio 2; slow floes need no rebuild of the neighbour list."""
     contact, forces = LAWS[law]
     domain, floes = scattered(n, speed=speed)
     return fb.Model(domain, floes, contact, forces, step=fb.Step(length=1.5e-3))
@@ -74,13 +73,13 @@ def seconds(work, *arguments, repeats: int = 15) -> float:
 
 
 def bandwidth() -> float:
-    """Bytes per second of the triad, 24 a number (a cache that reads what it will overwrite moves 32)."""
+    """Bytes per second of the triad, 24 per number (32 for a cache that reads what it will overwrite)."""
     a, b, c = np.zeros((3, 20_000_000))
     return 24 * a.size / seconds(triad, a, b, c, 0.5)
 
 
 def run_counted(law: str, steps: int) -> None:
-    """What valgrind looks at: so many steps on one list of neighbours."""
+    """What valgrind counts: so many steps on one neighbour list."""
     model = pack(law, COUNTED[0], SLOW)
     model.advance(steps * model.step.length)
     if model.counters.rebuilds != 1:
@@ -88,7 +87,7 @@ def run_counted(law: str, steps: int) -> None:
 
 
 def instructions(law: str) -> float:
-    """Instructions of a floe-step of a law, list renewals and books left out."""
+    """Instructions per floe-step of a law, without rebuilds of the list and the ledger."""
     n, less, more = COUNTED
     counts = []
     for steps in (less, more):
@@ -105,7 +104,7 @@ def instructions(law: str) -> float:
 
 
 def bytes_of_a_step(model: fb.Model) -> float:
-    """Bytes a floe that a step of the frictional pack moves at least: each array once each way."""
+    """Bytes per floe that a step of the frictional pack must move: each array once each way."""
     now = model._now()
     p, n, near = now.packed, len(model.floes), now.lists.pairs
     contact_forces(now, model.step.length)
@@ -116,7 +115,7 @@ def bytes_of_a_step(model: fb.Model) -> float:
 
 
 def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
-    """What finds the forces of the pairs about to touch, as a step does."""
+    """A function that finds the forces of the pairs about to touch, as a step does."""
     laws, tiles = now._laws(), len(now.lists.tiles.bounds) - 1
     lists = now.lists
     narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)

@@ -1,9 +1,9 @@
-"""Where packs become unstable: `python -m benchmarks.stability [--to docs/stability.png] [--steps 2000]`.
+"""The step at which packs become unstable: `python -m benchmarks.stability [--to docs/stability.png] [--steps 2000]`.
 
-Growth of kinetic energy per step against the step over the predicted limit, 2 (√(1 + ζ²) − ζ)/ω_max from the floes'
-own stiffness sums (docs/theory.md, eq. stable-step), for each scheme, contact law, packing and size ratio.  Packs are
-pressed together and at rest but for random velocities of 1e-8 m/s, so that all contacts stay closed and the system
-is linear.  The onset is the shortest step of the table at which energy grows by more than 0.1 % per step.
+Measures the growth of kinetic energy per step against the step over the predicted limit, 2 (√(1 + ζ²) − ζ)/ω_max from the
+floes' own stiffness sums (docs/theory.md, eq. stable-step), for each scheme, contact law and pack.  The packs are pressed
+together and at rest except for random velocities of 1e-8 m/s, so that all contacts stay closed and the system is
+linear.  The onset is the shortest step tried at which energy grows by more than 0.1 % per step.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def hexagonal() -> fb.Floes:
 
 
 def random_pack(ratio: float) -> fb.Floes:
-    """About 150 floes in random places, pressed together and come to rest."""
+    """About 150 floes at random positions, pressed together and brought to rest."""
     domain = box(ratio)
     sizes = fb.UniformSize(1.0, ratio) if ratio < 5 else fb.PowerLaw(1.0, ratio, -1.8)
     floes = fb.scatter(domain, sizes, concentration=0.85, seed=1)
@@ -75,7 +75,7 @@ PACKS: dict[str, tuple[Callable[[], fb.Floes], fb.Domain]] = {
 
 
 def growth(domain: fb.Domain, floes: fb.Floes, law: fb.Contact, step: fb.Step, steps: int) -> float:
-    """Growth of kinetic energy per step: over the second half of the steps, or as far as it can be followed."""
+    """Growth of kinetic energy per step, over the second half of the steps or of those that can be followed."""
     floes = floes.copy()
     rng = np.random.default_rng(0)
     floes.u[:], floes.v[:] = rng.normal(0.0, 1e-8, (2, len(floes)))
@@ -126,7 +126,7 @@ def main() -> None:
 
 
 def draw(rates: dict[tuple[str, str, str], np.ndarray], path: Path) -> None:
-    """One panel for each scheme: growth per step against the step over its limit."""
+    """Growth per step against the step over its limit, a panel for each scheme."""
     from matplotlib.lines import Line2D
 
     from floebmi.plot import graph

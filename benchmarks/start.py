@@ -1,6 +1,6 @@
-"""Time from nothing to the first step: `python -m benchmarks.start [SCENE] [--repeats 3]`.
+"""Time from the start of Python to the end of the first step: `python -m benchmarks.start [SCENE] [--repeats 3]`.
 
-New processes import the package, build a packaged scene and advance it by one exchange, with an empty
+New processes import the package, build a packaged scene and advance it by one step (60 s at most), with an empty
 compile cache and with a filled one.
 """
 
@@ -29,7 +29,7 @@ print(imported - start, ready - imported, time.perf_counter() - ready)
 
 
 def start(scene: str, cache: str) -> list[float]:
-    """Seconds: from the start of a process to the end of its first step, and of that import, building, step."""
+    """Seconds from the start of a process to the end of its first step; and those for import, building and the step."""
     began = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", RUN.format(scene=scene)],

@@ -1,6 +1,6 @@
 """One thread and several on the same dense packs: `python -m benchmarks.threads [--floes 10000,100000] [--threads 2]`.
 
-Frictional, packing 0.85, whole advances, in turn; the places at the end must be the same to the bit.
+Frictional packs at packing 0.85, whole advances, in turn.  It says whether the positions at the end are the same to the bit.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from floebmi.plot import graph
 
 
 def gain(count: int, threads: int, steps: int, repeats: int) -> np.ndarray:
-    """How many times as fast several threads are as one, of each repeat."""
+    """How many times as fast several threads are as one, in each repeat."""
     domain, floes = scattered(count)
     models = {
         n: fb.Model(domain, floes.copy(), contact=fb.frictional(), threads=n) for n in (1, threads)
@@ -41,7 +41,7 @@ def gain(count: int, threads: int, steps: int, repeats: int) -> np.ndarray:
 
 
 def draw(gains: dict[int, np.ndarray], threads: int, to: Path) -> None:
-    """The gain against the number of floes: median, and from the least to the most."""
+    """The gain against the number of floes: median, and from the smallest to the largest."""
     middle, low, high = (
         np.array([of(ratio) for ratio in gains.values()]) for of in (np.median, np.min, np.max)
     )

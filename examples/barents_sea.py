@@ -1,8 +1,8 @@
 """Svalbard and the Barents Sea in February: currents, ice and land of an ocean model, under a passing low.
 
-The file, with 20 km cells of MET Norway's ROMS and five daily means, has everything but a wind; that is
-prescribed here, as functions of place and time.  Its x, y with its projection, and its longitudes and latitudes,
-disagree by 17.8 km: `--position` chooses, and "mapping" fits the real coast better.
+The file, five daily means of MET Norway's ROMS in cells of 20 km, has all but the wind, which is prescribed here as
+functions of position and time.  Its projected coordinates x, y and its longitudes and latitudes disagree by 17.8 km:
+`--position` chooses, and "mapping" fits the real coast better.
 
     python examples/barents_sea.py arctic20_ocean_ice_20160201-05.nc
 
@@ -26,13 +26,13 @@ THINNEST = 0.1  # thinner ice is no floe yet [m]
 
 
 def from_low(x: np.ndarray, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place seen from a low that moves along y, in its radii of 400 km; and its wind per radius [m/s]."""
+    """Position relative to a low that moves along y, in units of its radius of 400 km; and its wind per radius [m/s]."""
     dx, dy = (x + 450e3) / 400e3, (y + 1500e3 - 2.0 * t) / 400e3
     return dx, dy, 15.0 * np.exp(0.5 - 0.5 * (dx**2 + dy**2))
 
 
 def wind_u(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
-    """Wind along x [m/s]: it turns around the low, 15 m/s at its radius."""
+    """Wind along x [m/s]: it circles the low, with 15 m/s at its radius."""
     _, dy, wind = from_low(x, y, t)
     return -wind * dy
 
@@ -44,7 +44,7 @@ def wind_v(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
 
 
 def main(path: Path, folder: Path, position: str, days: float = 4.0, radius: float = 4e3) -> Report:
-    """The run, its files and its picture; `radius` is that of the smallest floes [m]."""
+    """Run, write files and picture; radius : of the smallest floes [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     domain = fb.Domain(x=(-980e3, -180e3), y=(-1360e3, -760e3))  # floes that leave are gone
     grid = fb.Grid.uniform(domain.x, domain.y, spacing=20e3)

@@ -1,14 +1,14 @@
-"""A box of the pack for 29 days under the wind and current of one point: does it drift as one floe does?
+"""A periodic box of pack ice for 29 days under the wind and current of one point: does it drift as one floe does?
 
-What leaves the box on one side comes in on the other, and wind and current are the same everywhere, so contacts can
-only share momentum out among the floes (thick ones are turned more by the Coriolis force, so they do meet).  The
-same is done with some floes aground, which hold the pack, and with one floe alone, in free drift.
+Wind and current are the same everywhere, so contacts can only redistribute momentum among the floes (they do meet: the
+Coriolis force deflects thick ones more).  Two more runs have some floes aground, which hold the pack, and one floe alone,
+in free drift.
 
     python examples/drift_in_a_box.py [FILE]
 
 reads hourly wind and current at one place (by default 29 days at 80° N 37° E, examples/gallery/drift_29_days.nc),
-writes the floes and a picture into the folder, and prints the ledgers, and for each drift the complex number a
-that fits  ice velocity = current + a × wind  best: |a| is the wind factor, its angle the turning angle.
+writes the floes and a picture into the folder, and prints the ledgers.  For each drift it also prints the complex number a
+of the best fit  ice velocity = current + a × wind: |a| is the wind factor, its angle the turning angle.
 """
 
 import argparse
@@ -40,13 +40,13 @@ class Drift(NamedTuple):
 
     @property
     def path(self) -> np.ndarray:
-        """Where a point that drifts so is, x + i y [m]."""
+        """Position of a point that drifts so, x + i y [m]."""
         steps = 0.5 * (self.velocity[1:] + self.velocity[:-1]) * np.diff(self.time)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def steady(wind: np.ndarray, current: np.ndarray, thickness: float) -> np.ndarray:
-    """Free drift without inertia: wind and water drag and the Coriolis force are in balance [m/s]."""
+    """Free drift without inertia, where wind drag, water drag and Coriolis force balance [m/s]."""
     turn = 1j * CORIOLIS.parameter * ICE_DENSITY * thickness
     ice = current + 0.016 * wind
     for _ in range(100):
@@ -57,14 +57,14 @@ def steady(wind: np.ndarray, current: np.ndarray, thickness: float) -> np.ndarra
 
 
 def wind_factor(ice: np.ndarray, wind: np.ndarray, current: np.ndarray) -> complex:
-    """The a that fits  ice = current + a × wind  best."""
+    """The a of the best fit  ice = current + a × wind."""
     return complex(np.vdot(wind, ice - current) / np.vdot(wind, wind))
 
 
 def drift(
     path: Path, to: Path, floes: fb.Floes, contact: fb.Contact | None, hours: float
 ) -> tuple[Drift, Report]:
-    """Run floes in the box: the mean velocity of those that are free, by mass, each hour."""
+    """Run floes in the box; returns the mass-weighted mean velocity of the free ones, every hour."""
     domain = fb.Domain((0, SIDE), (0, SIDE), "periodic", "periodic", "periodic", "periodic")
     grid = fb.Grid.uniform(domain.x, domain.y, spacing=SIDE / 2)
     model = fb.Model(
@@ -84,7 +84,7 @@ def drift(
 
 
 def draw(to: Path, drifts: dict[str, Drift]) -> None:
-    """The tracks, with a mark each week, and the speeds."""
+    """Draw the tracks, with a mark every week, and the speeds."""
     with graph(8, 7) as figure:
         tracks, speeds = figure.subplots(2, 1)
         looks = (("-", 3.0), ("--", 1.4), ("-", 1.4))
@@ -105,7 +105,7 @@ def draw(to: Path, drifts: dict[str, Drift]) -> None:
 def main(
     path: Path, folder: Path, hours: float = 695.0, radius: float = 1e3, aground: int = 10
 ) -> dict[str, tuple[Drift, Report]]:
-    """The three drifts; `radius` is that of the smallest floes [m]."""
+    """Run the three drifts; radius : of the smallest floes [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     data = xr.open_dataset(path)
     thickness = float(data.hice.mean())

@@ -1,8 +1,8 @@
-"""Drift and sizes of floes beside what was observed in Fram Strait and off East Greenland: distributions, not pairs.
+"""Drift and sizes of floes beside those observed in Fram Strait and off East Greenland: distributions, not pairs.
 
 The model's floes drift for 29 days in a box under the wind and current of one point north-east of Svalbard, and for four
-days in the Barents Sea; the observed ones are elsewhere, at other times, and have no wind with them.  So the
-speeds over a day, the turns from day to day and the sizes are compared; wind factor and turning angle are the model's.
+days in the Barents Sea; the observed ones drifted elsewhere and at other times, and their wind is not known.  So only
+speeds over a day, turns from day to day and sizes are compared; wind factor and turning angle are given for the model alone.
 
     python -m examples.observations DATA_FOLDER
 
@@ -33,7 +33,7 @@ def in_plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 
 def fram_strait(path: Path) -> tuple[Tracks, np.ndarray]:
-    """Days in a row of each floe, and the floes' radii (of a disc of the same area) [m], one per floe."""
+    """Tracks of each floe over consecutive days, and the radius of each (of a disc of the same area) [m]."""
     import csv
 
     rows: dict[str, list[tuple[np.datetime64, float, float, float]]] = {}
@@ -53,7 +53,7 @@ def fram_strait(path: Path) -> tuple[Tracks, np.ndarray]:
 
 
 def east_greenland(path: Path) -> Tracks:
-    """Places of each drifter at whole days, where it sent at least one within three hours before and after."""
+    """Positions of each drifter at whole days, where it sent one within three hours both before and after."""
     tracks = []
     with xr.open_dataset(path) as data:
         for k in range(data.sizes["trajectory"]):
@@ -71,19 +71,19 @@ def east_greenland(path: Path) -> Tracks:
 
 
 def speeds(tracks: Tracks) -> np.ndarray:
-    """Of the way from one day to the next [m/s]."""
+    """Speeds from one day to the next [m/s]."""
     return np.concatenate([np.abs(np.diff(track)) / DAY for track in tracks])
 
 
 def turns(tracks: Tracks) -> np.ndarray:
-    """Size of the turn from one day's way to the next [°]."""
+    """Angle between one day's displacement and the next [°]."""
     steps = [np.diff(track) for track in tracks if track.size > 2]
     return np.concatenate([np.abs(np.angle(s[1:] * s[:-1].conj(), deg=True)) for s in steps])
 
 
 def slope(radii: np.ndarray, least: float) -> tuple[float, float]:
-    """Exponent of a power law for the number density of radii above the least, and its standard error: the
-    estimate of most likelihood (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111, eq. 3.1)."""
+    """Exponent of a power law for the number density of radii above the least, and its standard error, by maximum
+    likelihood (Clauset, Shalizi & Newman 2009, doi:10.1137/070710111, eq. 3.1)."""
     above = radii[radii >= least]
     alpha = 1 + above.size / np.log(above / least).sum()
     return -alpha, (alpha - 1) / np.sqrt(above.size)
@@ -115,7 +115,7 @@ def modelled(data: Path, folder: Path, hours: float, days: float, radius: float)
 def main(
     data: Path, folder: Path, hours: float = 695.0, days: float = 4.0, radius: float = 1e3
 ) -> dict[str, np.ndarray]:
-    """The runs, the table and the picture; the speeds over a day of each source [m/s]."""
+    """Make the runs, the table and the picture; returns the speeds over a day of each source [m/s]."""
     folder.mkdir(parents=True, exist_ok=True)
     floes, radii = fram_strait(data / "obs_framstrait_floe_trajectories_2014.csv")
     drifters = east_greenland(data / "obs_icedrift_eastgreenland_201803.nc")
@@ -150,7 +150,7 @@ def main(
 
 
 def draw(to: Path, found: dict[str, np.ndarray], radii: dict[str, np.ndarray]) -> None:
-    """Shares of days slower than a speed, and of floes larger than a radius."""
+    """Draw the share of days slower than a speed, and of floes larger than a radius."""
     with graph(9, 4) as figure:
         left, right = figure.subplots(1, 2)
         colors = {}

@@ -2,9 +2,9 @@
 
     python examples/paper.py [--to paper] [--seeds 20] [--jobs N] [--figures 3,4,7] [--quick]
 
-Each figure goes into the folder with the files that it is drawn from.  Members that have finished are kept
-there and not run again, so it may be stopped and started.  `--quick` makes every figure in small: fewer and
-larger floes, short runs, two seeds; nothing in them is a result.
+Each figure goes into the folder, with the files that it is drawn from.  Finished members are kept there and not run
+again, so the script may be stopped and started anew.  `--quick` makes small versions of all figures, with fewer and
+larger floes, short runs and two seeds; they are not results.
 """
 
 import argparse

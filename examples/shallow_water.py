@@ -1,16 +1,16 @@
-"""Floes on a shallow-water model, both ways: a basin's seiche is slowed by the ice that it moves.
+"""Floes and a shallow-water model, coupled both ways: the seiche of a basin is slowed by the ice that it moves.
 
-The host is `shallowwater` (a free surface on a C grid, in metres).  It keeps velocity on the faces of its cells; ice
-gives its stress at their centres.  `coupling.vectors.Staggered` is the way both ways, with one matrix, so that what
-the ice gives is what the open faces get, at the shore too.
+The host is `shallowwater` (a free surface on a C grid, in metres).  Its velocities are on the faces of its cells; the ice
+gives its stress at their centres.  `coupling.vectors.Staggered` interpolates both ways with one matrix, so that the open
+faces get all that the ice gives, at the shore too.
 
     python examples/shallow_water.py [--folder shallow-water] [--hours 6] [--concentration 0.7]
 
-The books of momentum, per exchange and axis, are those of the ledger's line, and of the water itself:
+The momentum budget of an exchange along an axis is the line of the ledger, and that of the water itself:
 
     Σ ρ H u A  after − before  =  Σ A τ Δt  +  what the basin does alone (pressure on its shores, Coriolis force)
 
-The last part is summed up at the host's own Runge-Kutta stages, so that the line closes to round-off.
+The last term is summed over the host's own Runge-Kutta stages, so that the budget closes to round-off.
 """
 
 import argparse
@@ -36,7 +36,7 @@ DEPTH = 10.0
 
 @final
 class IcyBasin:
-    """A shallow-water model and floes with one clock.
+    """A shallow-water model and floes that advance together.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class IcyBasin:
         self.stress = {name: np.zeros(faces.shape) for name, faces in self.faces.items()}
 
     def exchange(self, until: float) -> Exchange:
-        """The ice first, then the water with the ice's mean stress, both to a time [s]; all of it or nothing."""
+        """Advance to a time [s]: the ice first, then the water under the mean stress of the ice; both or neither."""
         before = self.snapshot()
         with self.books.unchanged_on_failure(self.rescue, before):
             try:
@@ -130,24 +130,24 @@ class IcyBasin:
         return weight * np.array([u[:, 1:-1].sum(), v[1:-1, :].sum()])
 
     def momentum(self) -> np.ndarray:
-        """Of the water along x and y [N s]."""
+        """Momentum of the water along x and y [N s]."""
         return self._sum(self.state["u"], self.state["v"])
 
     def volume(self) -> float:
-        """Of the water above its level at rest [m³]."""
+        """Volume of the water above its level at rest [m³]."""
         return float(self.state["eta"].sum()) * self.grid.dx * self.grid.dy
 
     # ---- state
 
     def snapshot(self) -> dict[str, Any]:
-        """The host's side, for `Books.save`."""
+        """State of the host, for `Books.save`."""
         return {
             **{name: values.copy() for name, values in self.state.items()},
             "own": self.own.copy(),
         }
 
     def put(self, host: dict[str, Any]) -> None:
-        """Take up what `snapshot` gave."""
+        """Restore what `snapshot` gave."""
         self.state = {name: np.array(host[name]) for name in ("eta", "u", "v")}
         self.own = np.array(host["own"])
 
@@ -180,7 +180,7 @@ def basin(
 
 
 class Found(NamedTuple):
-    """worst : residual of the ledger; water : of the water's own books; volume : [m³] lost; seiche : with over without ice."""
+    """worst : residual of the ledger; water : of the water's own budget; volume : [m³] lost; seiche : with ice over without."""
 
     worst: float
     water: float
@@ -196,7 +196,7 @@ def main(
     radius: tuple[float, float] = (250.0, 600.0),
     every: float = 600.0,
 ) -> Found:
-    """The basin with and without ice, the ledger, the figure."""
+    """Run the basin with and without ice; ledger and figure."""
     folder.mkdir(parents=True, exist_ok=True)
     icy, free = basin(shape, concentration, radius), basin(shape, 0.0, radius)
     start, volume = icy.momentum(), icy.volume()

@@ -1,13 +1,13 @@
-"""Ice in a tidal lagoon: Landlab's TidalFlowCalculator moves the water, the floes go out and in with it.
+"""Ice in a tidal lagoon: Landlab's TidalFlowCalculator moves the water, and the floes go out and in with it.
 
-TidalFlowCalculator (Mariotti 2018, doi:10.1016/j.ecss.2018.05.016) gives the mean velocity of an ebb and of a flood
-on the *links* of a grid.  Landlab's own mapper brings them to nodes, where `SeaIceFloes` reads them:
+TidalFlowCalculator (Mariotti 2018, doi:10.1016/j.ecss.2018.05.016) gives the mean velocities of ebb and flood
+on the *links* of a grid.  Landlab's own mapper brings them to the nodes, where `SeaIceFloes` reads them:
 
     u, v = grid.map_link_vector_components_to_node(velocity)
 
-Land lies around the lagoon, spits leave an inlet to the sea in the east, where floes may leave.  TidalFlowCalculator has no
-place for a stress, so the water does not feel the ice: its velocities are those of a run without ice, bit for bit.
-What the ice takes from the water is booked all the same: each step's line of the ledger.
+The lagoon is surrounded by land; spits leave an inlet to the sea in the east, through which floes may leave.
+TidalFlowCalculator takes no stress, so the water does not feel the ice: its velocities are those of a run without ice, bit
+for bit.  What the ice takes from the water is booked all the same, in a line of the ledger for each step.
 
     python examples/tidal_lagoon.py [--folder tidal-lagoon] [--tides 1] [--concentration 0.35]
 """
@@ -36,8 +36,8 @@ VELOCITY = [f"sea_surface_water_flowing__{a}_component_of_velocity" for a in "xy
 
 
 class Found(NamedTuple):
-    """worst : largest residual of the ledger over the impulse exchanged; through : floes of the lagoon that went
-    to sea."""
+    """worst : largest residual of the ledger over the impulse exchanged; through : number of floes of the lagoon that
+    went to sea."""
 
     worst: float
     through: int
@@ -59,7 +59,7 @@ def lagoon() -> RasterModelGrid:
 
 
 def give_water(grid: RasterModelGrid, tide: str) -> None:
-    """The velocity on links to nodes, where the ice reads it."""
+    """Map the velocity from links to nodes, where the ice reads it."""
     velocity = grid.at_link[f"{tide}_tide_flow__velocity"]
     for name, values in zip(
         VELOCITY, grid.map_link_vector_components_to_node(velocity), strict=True
@@ -68,7 +68,7 @@ def give_water(grid: RasterModelGrid, tide: str) -> None:
 
 
 def main(folder: Path, tides: int = 1, concentration: float = 0.35) -> Found:
-    """The run, the ledger of its last step, the figure."""
+    """Make the run, the ledger of its last step, and the figure."""
     folder.mkdir(parents=True, exist_ok=True)
     grid, alone = lagoon(), lagoon()
     flow, flow_alone = (

@@ -1,19 +1,19 @@
-"""Host and ice in two processes: `FloeBmi` behind gRPC (grpc4bmi), the loop of the host unchanged.
+"""Host and ice in two processes: `FloeBmi` behind gRPC (grpc4bmi), with the host's loop unchanged.
 
     python examples/two_processes.py [--folder two-processes] [--hours 3]
 
 starts `run-bmi-server` with the ice in a process of its own, couples a two-slab ocean to it with the same `couple` as in one
-process, and does the run again without gRPC: the numbers are the same, bit for bit.  Then the process of the ice is killed
-half-way; another one takes up its checkpoint (key `checkpoint` of the config file), and the end is the same again.
+process, and repeats the run without gRPC: the numbers are the same, bit for bit.  Then it kills the process of the ice
+half-way; a new one resumes from its checkpoint (key `checkpoint` of the config file), with the same result again.
 
-Limits of grpc4bmi, as found:
+Limits of grpc4bmi that we met:
 
 - No pointers: `get_value_ptr` raises NotImplementedError.  Use `get_value`, again after each update.
-- Extra methods do not cross: no `save_state` and no `model` on the host's side.  The keys `checkpoint` and `restart` of the
-  config file let the server's side save its state after each update, and take it up.
-- Of an error only the text crosses, as `details()` of a `grpc.RpcError`; that is why each is one line.  The server prints the rest.
-- Arrays are copied into messages; gRPC's own default limit of a message is 4 MB, half a million float64 values.
-- Location `none` cannot cross: scalars are at `node`, on a grid of type `scalar` and size 1.
+- No extra methods: the host's side has neither `save_state` nor `model`.  With the keys `checkpoint` and `restart` of the
+  config file the server saves its state after each update, and resumes from it.
+- Of an error only the text arrives, as `details()` of a `grpc.RpcError`; that is why each is one line.  The server prints the rest.
+- Arrays are copied into messages; gRPC limits a message to 4 MB by default, half a million float64 values.
+- Location `none` is not supported: scalars are at `node`, on a grid of type `scalar` and size 1.
 - The config file is read by the server, on its disk.
 """
 
@@ -75,8 +75,8 @@ surface_velocity = [0.4, 0.1]
 
 
 class Found(NamedTuple):
-    """same : both runs end with the same bits; resumed : so does one whose ice was killed; alone : without ice the ocean
-    is the ocean alone; worst : residual of the ledger; refusal, fault : what an error, and a death, says across."""
+    """same : both runs end with the same bits; resumed : so does one whose ice was killed; alone : without ice the ocean is
+    as when it runs alone; worst : residual of the ledger; refusal, fault : the host's message of an error, and of a death."""
 
     same: bool
     resumed: bool
@@ -88,7 +88,7 @@ class Found(NamedTuple):
 
 @contextmanager
 def another_process(wait: float = 60.0) -> Iterator[Any]:
-    """A `FloeBmi` in a server of its own, as a BMI object here."""
+    """A `FloeBmi` in a server of its own, seen here as a BMI object."""
     from grpc4bmi.bmi_client_subproc import BmiClientSubProcess
 
     beside = str(Path(sys.executable).parent)  # where run-bmi-server is, if it is not on the path
@@ -131,7 +131,7 @@ def run(coupling: Coupling, ocean: TwoSlabOcean, until: float) -> list[np.ndarra
 
 
 def main(folder: Path, hours: float = 3.0) -> Found:
-    """Both ways of running, a refused value across the wire, and a process that dies."""
+    """Run both ways; send a value that is refused; kill a process and resume."""
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in (

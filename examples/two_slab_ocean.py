@@ -1,13 +1,13 @@
 """Floes and a two-slab ocean, coupled both ways: what one loses the other gains.
 
 A pack of floes lies at rest in a periodic box; under it a slab of water moves along x, over a deep slab at
-rest.  Drag sets the ice in motion and slows the water.  Nothing else pushes, so the momentum of ocean
-and ice together must stay what it was at the start.
+rest.  Drag sets the ice in motion and slows the water.  There is no other force, so the momentum of ocean
+and ice together must not change.
 
-The same run is done twice:
+The run is made twice:
 
-right   the ocean gets the mean stress of the exchange, out of the running impulse J that the ice offers
-wrong   the ocean gets the stress at the end of the exchange, as a coupler does that reads "the" stress
+right   the ocean gets the mean stress of the exchange, from the accumulated impulse J that the ice offers
+wrong   the ocean gets the stress at the end of the exchange, as from a coupler that reads "the" stress
 
     python examples/two_slab_ocean.py [--folder two-slab-ocean] [--every 1800] [--hours 12]
 
@@ -70,7 +70,7 @@ LAST_STEP = 60.0  # what the wrong coupling takes for "now" [s]
 
 
 class EndOfInterval:
-    """Floes that are stepped `LAST_STEP` at a time: their mean "since the last update" is that of the end."""
+    """Floes that are updated `LAST_STEP` at a time: the mean stress "since the last update" is then that at the end of the exchange."""
 
     def __init__(self, floes: FloeBmi) -> None:
         self.floes = floes
@@ -86,7 +86,7 @@ class EndOfInterval:
 
 
 def start(folder: Path) -> tuple[TwoSlabOcean, FloeBmi]:
-    """Both models, from configuration files in the folder."""
+    """Start both models from configuration files in the folder."""
     models = []
     for name, text, model in (
         ("ocean.toml", OCEAN, TwoSlabOcean()), ("floes.toml", FLOES, FloeBmi())
@@ -125,13 +125,13 @@ def coupled(
 
 
 def error(rows: np.ndarray) -> float:
-    """How far the momentum of ocean and ice strays from what it was, over what they exchanged."""
+    """The largest change of the momentum of ocean and ice together, over what they exchanged."""
     total = rows[:, 1] + rows[:, 2]
     return float(np.abs(total - total[0]).max() / np.abs(np.diff(rows[:, 2])).sum())
 
 
 def draw(path: Path, runs: dict[str, np.ndarray], every: float) -> None:
-    """Momentum of ocean, ice and both, as it was exchanged rightly and wrongly."""
+    """Draw the momentum of ocean, ice and both, for the right and the wrong exchange."""
     with graph(10, 4.2) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for panel, (name, rows) in zip(panels, runs.items(), strict=True):
@@ -152,7 +152,7 @@ def draw(path: Path, runs: dict[str, np.ndarray], every: float) -> None:
 
 
 def main(folder: Path, every: float = 1800.0, hours: float = 12.0) -> dict[str, float]:
-    """Both runs, the ledger, the figure; returns the error of each."""
+    """Make both runs, the ledger and the figure; returns the error of each run."""
     folder.mkdir(parents=True, exist_ok=True)
     runs = {
         "mean stress, from the running impulse": coupled(folder, every, hours, True, print),

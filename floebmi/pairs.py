@@ -473,8 +473,11 @@ def strike_floes(law, slip, inverse, floes, spinning, blows, noted, dt, force, c
         strike(inverse, floes, j, -x, -y, constraint)
         strike_spin(inverse.spin, spinning, i, blow_t * one.a_i, constraint)
         strike_spin(inverse.spin, spinning, j, blow_t * one.a_j, constraint)
-    # slip that a beam resists is a bond's
-    lost[BONDS if law.friction is None else FRICTION] -= not_taken
+    # slip that a beam resists is a bond's; where no law takes energy, this stays in the residual
+    if law.friction is not None:
+        lost[FRICTION] -= not_taken
+    elif law.bonds is not None:
+        lost[BONDS] -= not_taken
 
 
 @strike_floes.register
