@@ -233,7 +233,7 @@ class Pack:
         steps_by_hand(
             now.period[0], law.elastic.youngs_modulus, strength * law.bonds.tensile_strength,
             self.floes, self.force, near.list_i, near.list_j, near.list_block[0], near.i, near.j,
-            near.block[0], near.slot, near.counts, now.tiles.bounds, near.parts, lists.blows,
+            near.block[0], near.slot, near.counts, now.lists.tiles.bounds, near.parts, lists.blows,
             1.0 + lists.gap, lists.skin, self.dt, steps, lost, now.buffers[0],
         )  # fmt: skip
         return float(lost[0])

@@ -116,7 +116,7 @@ def bytes_of_a_step(model: fb.Model) -> float:
 
 def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     """A function that finds the forces of the pairs about to touch, as a step does."""
-    laws, tiles = now._laws(), len(now.tiles.bounds) - 1
+    laws, tiles = now._laws(), len(now.lists.tiles.bounds) - 1
     lists = now.lists
     narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)
     none, books = np.zeros(1, np.int64), now._books()

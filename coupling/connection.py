@@ -14,9 +14,7 @@ import numpy as np
 from coupling.regrid import Regrid
 from coupling.side import Side
 from coupling.units import converter, in_pascals
-from floebmi.errors import InputError, is_word
-
-Kind = Literal["integral", "mean"]
+from floebmi.errors import InputError, choose, is_word
 
 PER_AREA = (
     "stress",
@@ -50,7 +48,7 @@ class Link(NamedTuple):
     """
 
     source: str
-    kind: Kind | None = None
+    kind: Literal["integral", "mean"] | None = None
     weight: str | None = None
 
 
@@ -76,31 +74,67 @@ def is_per_area(name: str) -> bool:
 
 
 class Connection:
-    """One variable on its way from one model to the other."""
+    """One variable on its way from one model to the other.
+
+    Parameters
+    ----------
+    giver, taker : the two models
+    target : the input of the taker
+    link : how it is filled
+    regrid_of : weights between a grid of the host and one of the floes, for variables of these names on them; None where
+        they are the same cells
+
+    Attributes
+    ----------
+    source, weight : outputs of the giver, see `Link`
+    kind : what is kept, "integral" or "mean"
+    running : whether a running integral is differenced into a mean over the exchange
+    grids : BMI numbers of the grids, (host, floes)
+
+    Raises
+    ------
+    InputError
+        for a link that cannot be.
+    """
 
     def __init__(
         self,
         giver: Side,
         taker: Side,
-        source: str,
         target: str,
-        kind: Kind,
-        weight: str | None,
-        running: bool,
-        convert: Callable[[np.ndarray], np.ndarray],
-        pascals: float,
-        grids: tuple[int, int],
-        regrid: Regrid | None,
+        link: Link,
+        regrid_of: Callable[[tuple[int, int], tuple[str, str]], Regrid | None],
     ) -> None:
+        source, from_host = link.source, giver.name == "host"
+        for output in filter(None, (source, link.weight)):
+            if not is_word(output, giver.outputs):
+                raise InputError(
+                    f"couple: {output!r} is not an output of the {giver.name}; {choose(output, giver.outputs)}"
+                )
+        running = "time_integral_of" in source and "time_integral_of" not in target
+        if running and from_host:
+            raise InputError(
+                f"couple: {source} → {target}: only running integrals of the floes are differenced; give an"
+                " output of the host that is a value at the time"
+            )
+        type_of_target = taker.model.get_var_type(target)
+        if np.dtype(type_of_target).kind != "f":
+            raise InputError(
+                f"couple: {target} of the {taker.name} is of type {type_of_target}, which would cut {source};"
+                " must be of a floating type"
+            )
+        self._convert = converter(giver.units(source), taker.units(target), running, source, target)
         self.giver, self.taker, self.source, self.target = giver, taker, source, target
-        self.kind, self.weight, self.running, self.regrid = kind, weight, running, regrid
-        self._convert, self._pascals, self.grids = convert, pascals, grids
+        self.kind, self.weight = _kept(giver, target, link)
+        self.running = running
+        grids, names = (giver.grid_number(source), taker.grid_number(target)), (source, target)
+        giver.know_grid(source)
+        taker.know_grid(target)
+        self._downstream = from_host  # as the weights run, from host to floes
+        self.grids = grids if from_host else grids[::-1]
+        self._pascals = in_pascals(taker.units(target), target)
+        self.regrid = regrid_of(self.grids, names if from_host else names[::-1])
         self._before: np.ndarray | None = None
-
-    @property
-    def _downstream(self) -> bool:
-        """Whether it runs from host to floes, as the weights do."""
-        return self.giver.name == "host"
 
     def remember(self) -> None:
         """Keep a running integral as it is before the interval."""
@@ -109,37 +143,32 @@ class Connection:
             self._refuse_not_finite(values)
             self._before = values
 
-    def instant(self) -> np.ndarray:
-        """The value now; of a running integral the mean over the giver's last update."""
-        return self.giver.get(instant_name(self.source) if self.running else self.source)
+    def latest(self) -> np.ndarray:
+        """The value now, in the taker's units; of a running integral the mean over the giver's last update."""
+        return self._converted(
+            self.giver.get(instant_name(self.source) if self.running else self.source)
+        )
 
-    def since(self) -> np.ndarray:
-        """The value now, or the change of a running integral since `remember`."""
+    def mean(self, duration: float) -> np.ndarray:
+        """The value now, in the taker's units; of a running integral the mean over the time since `remember` [s]."""
         values = self.giver.get(self.source)
-        return values - self._before if self.running else values
+        return self._converted((values - self._before) / duration if self.running else values)
 
-    def scaled(self, values: np.ndarray, duration: float, was_mean: bool = False) -> np.ndarray:
-        """In the taker's units; the change of a running integral becomes a mean over the interval."""
-        if self.running:
-            values = self._convert(values if was_mean else values / duration)
-        else:
-            values = self._convert(values)
+    def _converted(self, values: np.ndarray) -> np.ndarray:
+        values = self._convert(values)
         self._refuse_not_finite(values)
         return values
 
     def _refuse_not_finite(self, values: np.ndarray) -> None:
-        wet = self._giver_grid_wet(values.size)
-        bad = np.flatnonzero(~np.isfinite(values) & wet)
-        if bad.size:
+        bad = ~np.isfinite(values)
+        if self.regrid is not None:
+            bad &= (self.regrid.source if self._downstream else self.regrid.target).wet
+        if bad.any():
+            cell = int(np.argmax(bad))
             raise InputError(
-                f"{self.source} of the {self.giver.name} is {values[bad[0]]} in cell {bad[0]}"
-                f" ({bad.size} such cells) at {self.giver.time():g} s"
+                f"{self.source} of the {self.giver.name} is {values[cell]} in cell {cell}"
+                f" ({np.count_nonzero(bad)} such cells) at {self.giver.time():g} s"
             )
-
-    def _giver_grid_wet(self, size: int) -> np.ndarray:
-        if self.regrid is None:
-            return np.ones(size, bool)
-        return (self.regrid.source if self._downstream else self.regrid.target).wet
 
     def carry(self, values: np.ndarray) -> np.ndarray:
         """To the taker's grid."""
@@ -191,34 +220,11 @@ class Connection:
         )
 
 
-def connect(
-    giver: Side,
-    taker: Side,
-    target: str,
-    link: Link,
-    regrid_of: Callable[[tuple[int, int], tuple[str, str]], Regrid | None],
-) -> Connection:
-    """How an input of the taker is filled from a link; what cannot be is refused.
-
-    regrid_of : the weights between a grid of the host and one of the floes, for variables of these names on them
-    """
-    from_host = giver.name == "host"
-    differenced = "time_integral_of" in link.source and "time_integral_of" not in target
-    if differenced and from_host:
-        raise InputError(
-            f"couple: {link.source} → {target}: only running integrals of the floes are differenced; give an"
-            " output of the host that is a value at the time"
-        )
-    if np.dtype(taker.model.get_var_type(target)).kind != "f":
-        raise InputError(
-            f"couple: {target} of the {taker.name} is of type {taker.model.get_var_type(target)}, which"
-            f" would cut {link.source}; must be of a floating type"
-        )
-    convert = converter(
-        giver.units(link.source), taker.units(target), differenced, link.source, target
-    )
-    weight = link.weight or OVER_ICE.get(link.source)
-    per_area = weight is None and is_per_area(link.source)
+def _kept(giver: Side, target: str, link: Link) -> tuple[str, str | None]:
+    """What of a variable is kept on its way, "integral" or "mean", and the output that weights a mean."""
+    source = link.source
+    weight = link.weight or OVER_ICE.get(source)
+    per_area = weight is None and is_per_area(source)
     kind = link.kind or ("integral" if per_area else "mean")
     if not is_word(kind, ("integral", "mean")):
         raise InputError(f"couple: kind = {kind!r} of {target}: allowed: integral, mean")
@@ -227,19 +233,11 @@ def connect(
             f"couple: {target}: weight {weight!r} must be an output of the {giver.name}, and is for"
             " means only"
         )
-    known = weight is not None or per_area
-    mean_names = ("_of_count", "_of_radius", "__count")
-    if not (from_host or known) and link.kind is None and link.source.endswith(mean_names):
+    known = weight is not None or per_area or link.kind is not None
+    of_floes = source.endswith(("_of_count", "_of_radius", "__count"))
+    if of_floes and giver.name != "host" and not known:
         raise InputError(
-            f"couple: {link.source} → {target}: a number or mean over floes; say how it is to be"
+            f"couple: {source} → {target}: a number or mean over floes; say how it is to be"
             " averaged with Link(source, kind, weight)"
         )
-    grids = giver.grid_number(link.source), taker.grid_number(target)
-    giver.know_grid(link.source)
-    taker.know_grid(target)
-    pair = grids if from_host else grids[::-1]
-    sides = (link.source, target) if from_host else (target, link.source)
-    return Connection(
-        giver, taker, link.source, target, kind, weight, differenced, convert,
-        in_pascals(taker.units(target), target), pair, regrid_of(pair, sides),
-    )  # fmt: skip
+    return kind, weight

@@ -47,13 +47,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import numpy as np
 from bmipy import Bmi
 
 from coupling.cells import bmi_grid as bmi_grid
-from coupling.connection import Connection, Link, axis_of, connect, instant_name, running_name
+from coupling.connection import Connection, Link, axis_of, instant_name, running_name
 from coupling.ledger import HEADER, Exchange
 from coupling.regrid import Regrid, checksum
 from coupling.side import CouplingError, Side, first_line, in_one_line, same_time
@@ -115,18 +115,8 @@ def couple(
         that does not answer to begin with.  The line says when, and in the run where the floes' state is.
     """
     coupling = Coupling(
-        host,
-        floes,
-        every,
-        to_floes,
-        to_host,
-        units,
-        host_grids,
-        floes_grids,
-        regrids,
-        offset,
-        rescue,
-    )
+        host, floes, every, to_floes, to_host, units, host_grids, floes_grids, regrids, offset, rescue
+    )  # fmt: skip
     return coupling.run(until, show)
 
 
@@ -164,16 +154,18 @@ class Coupling:
             raise InputError(f"couple: every = {every!r} s: must be greater than 0")
         if offset is not None and not is_number(offset):
             raise InputError(f"couple: offset = {offset!r} s: must be a finite number")
-        for name, table in (
-            ("to_floes", to_floes), ("to_host", to_host), ("units", units), ("host_grids", host_grids),
-            ("floes_grids", floes_grids), ("regrids", regrids),
+        for name, table, kind in (
+            ("to_floes", to_floes, None), ("to_host", to_host, None), ("units", units, None),
+            ("host_grids", host_grids, Grid), ("floes_grids", floes_grids, Grid), ("regrids", regrids, Regrid),
         ):  # fmt: skip
             check_table(f"couple: {name}", table)
+            for key, value in (table or {}).items():
+                if kind is not None and not isinstance(value, kind):
+                    raise InputError(
+                        f"couple: {name}[{key!r}] = {value!r}: must be a {kind.__name__}"
+                    )
         if rescue is not None:
             path_of("couple: rescue", rescue)
-        _check_kind("host_grids", host_grids, Grid)
-        _check_kind("floes_grids", floes_grids, Grid)
-        _check_kind("regrids", regrids, Regrid)
         self.every, self.rescue = float(every), rescue
         self.host = Side("host", host, units or {}, host_grids or {})
         self.floes = Side("floes", floes, units or {}, floes_grids or {})
@@ -204,7 +196,7 @@ class Coupling:
     def _refuse_idle(
         self, units: Mapping[str, str], regrids: Mapping[tuple[int, int], Regrid]
     ) -> None:
-        """What was given for a name or grid that is nowhere was given for another."""
+        """InputError for units or weights of a variable or grid that is nowhere: they were meant for another."""
         names = {name for side in (self.host, self.floes) for name in (*side.inputs, *side.outputs)}
         for name in units:
             if not is_word(name, names):
@@ -224,6 +216,7 @@ class Coupling:
     def _connect(
         self, giver: Side, taker: Side, explicit: Mapping[str, str | Link | None]
     ) -> list[Connection]:
+        """How the inputs of the taker are filled: as it was said, else by the giver's output of the same name."""
         for name in explicit:
             if not is_word(name, taker.inputs):
                 raise InputError(
@@ -240,13 +233,7 @@ class Coupling:
             link = Link(wanted) if isinstance(wanted, str) else wanted
             if not isinstance(link, Link):
                 raise InputError(f"couple: {name}: {link!r}: must be a name, a Link or None")
-            for output in filter(None, (link.source, link.weight)):
-                if not is_word(output, giver.outputs):
-                    raise InputError(
-                        f"couple: {output!r} is not an output of the {giver.name};"
-                        f" {choose(output, giver.outputs)}"
-                    )
-            connections.append(connect(giver, taker, name, link, self._regrid))
+            connections.append(Connection(giver, taker, name, link, self._regrid))
         return connections
 
     def _regrid(self, pair: tuple[int, int], names: tuple[str, str]) -> Regrid | None:
@@ -274,32 +261,32 @@ class Coupling:
         """Exchange until a time of the floes' clock [s]; returns the ledger so far.  Raises as `couple` does."""
         if not (show is None or callable(show)):
             raise InputError(f"couple: show = {in_line(show)}: must be a function, such as print")
-        known = len(self.ledger)
-
-        def tell(*heading: str) -> None:
-            nonlocal known
-            for line in (*heading, *map(str, self.ledger[known:])):
-                if show is not None:
-                    show(line)
-            known = len(self.ledger)
-
-        try:
-            with in_one_line("couple: before the first exchange"):
-                count, start = self._prepare(until)
-        except Exception:
-            if len(self.ledger) > known:
-                tell(HEADER)
-            raise
-        tell(repr(self), HEADER)
+        show = show or (lambda line: None)
+        before = "couple: before the first exchange"
+        with in_one_line(before):
+            count, start = self._count(until)
+            heading = repr(self), HEADER
+        for line in heading:
+            show(line)
+        with self._shown(show), in_one_line(before):
+            self._catch_up()
         for k in range(1, count + 1):
-            try:
+            with self._shown(show):
                 self.exchange(start + k * self.every if k < count else float(until))
-            finally:  # the line of an exchange after whose end something failed, too
-                tell()
         return self.ledger
 
-    def _prepare(self, until: float) -> tuple[int, float]:
-        """How many exchanges there are to come, and from when [s]; host and floes then stand together."""
+    @contextmanager
+    def _shown(self, show: Callable[[str], object]) -> Iterator[None]:
+        """Show the lines that the ledger gets in here, also where something fails after an exchange."""
+        known = len(self.ledger)
+        try:
+            yield
+        finally:
+            for line in self.ledger[known:]:
+                show(str(line))
+
+    def _count(self, until: float) -> tuple[int, float]:
+        """How many exchanges there are until a time, and the time now [s]; InputError for a time that cannot be reached."""
         _check_time(until)
         start = self.floes.time()
         count = round((until - start) / self.every)
@@ -314,7 +301,6 @@ class Coupling:
                     f"couple: until = {until:g} s is after the end of the {side.name},"
                     f" {side.end_time():g} s"
                 )
-        self._catch_up()
         return count, start
 
     def exchange(self, until: float) -> Exchange:
@@ -324,8 +310,7 @@ class Coupling:
         try:
             now = self.floes.time()
             begin = f"{now:g} "
-            with self._books_kept():
-                self._exchange(now, until)
+            self._exchange(now, until)
         except Exception as error:
             raise CouplingError(
                 f"exchange {number}, {begin}… {until:g} s: {first_line(error)}; {self._save()}"
@@ -342,19 +327,24 @@ class Coupling:
         before = self._accounts()
         self._give_states()
         self.floes.update_until(until, self.every)
-        stress = self._give_back(until - now, lambda c: c.scaled(c.since(), until - now))
+        stress = self._give_back(until - now)
         self._step_host(_Unbooked(until, until - now, stress, before))
 
     def _step_host(self, exchange: _Unbooked) -> None:
-        """Let the host feel what it was given, and book it."""
+        """Let the host feel what it was given, and book it, also if the host fails right after its step."""
         self._unbooked = exchange
-        self.host.update_until(exchange.time + self.offset, self.every)
+        try:
+            self.host.update_until(exchange.time + self.offset, self.every)
+        except Exception:
+            with suppress(Exception):  # the first error is the one to tell
+                self._book()
+            raise
         self._book()
 
-    def _book(self, failed: bool = False) -> None:
-        """The line of an exchange that the host has felt, which its clock tells; of none or another there is nothing to book.
+    def _book(self) -> None:
+        """Add the line of the last exchange to the ledger, once the host's clock says that the host has felt it.
 
-        failed : what a model can no longer say of itself is left open
+        What the models cannot say of themselves, because they fail, is left open in it.
         """
         exchange = self._unbooked
         if exchange is None:
@@ -362,32 +352,20 @@ class Coupling:
         time, duration, stress, before = exchange
         if not same_time(self.host.time(), time + self.offset, self.every):
             return
+        change: dict[str, np.ndarray] = {}
         try:
             after = self._accounts()
-        except Exception:
-            if not failed:
-                raise
-            after = {}
-        change = {name: after[name] - before[name] for name in before.keys() & after.keys()}
-        turnover = self._turnover + stress.turned  # what fails and is made up for counts once
-        line = Exchange.balanced(
-            len(self.ledger) + 1, time, duration,
-            given=stress.given, taken=stress.taken, missed=stress.missed, turnover=turnover,
-            floes=change.get("floes"), other=change.get("other"), no_water=change.get("no water"),
-            host=change.get("host"), seen=stress.axes == {0, 1},
-        )  # fmt: skip
-        self.ledger.append(line)
-        self._turnover, self._unbooked = turnover, None
-
-    @contextmanager
-    def _books_kept(self) -> Iterator[None]:
-        """What fails in here after the host's step is in the ledger all the same."""
-        try:
-            yield
-        except Exception:
-            with suppress(Exception):  # the first error is the one to tell
-                self._book(failed=True)
-            raise
+            change = {name: after[name] - before[name] for name in before.keys() & after.keys()}
+        finally:
+            self._turnover += stress.turned  # what fails and is made up for counts once
+            self._unbooked = None
+            line = Exchange.balanced(
+                len(self.ledger) + 1, time, duration,
+                given=stress.given, taken=stress.taken, missed=stress.missed, turnover=self._turnover,
+                floes=change.get("floes"), other=change.get("other"), no_water=change.get("no water"),
+                host=change.get("host"), seen=stress.axes == {0, 1},
+            )  # fmt: skip
+            self.ledger.append(line)
 
     def _save(self) -> str:
         """Save the floes' state after a failure; what came of it, in words."""
@@ -415,63 +393,59 @@ class Coupling:
         now, host_now = self.floes.time(), self.host.time()
         if same_time(host_now, now + self.offset, self.every):
             return
-        single = [c for c in self.to_host if c.running]
-        mean = [instant_name(c.source) for c in single]
+        means = [instant_name(c.source) for c in self.to_host if c.running]
         ahead = same_time(host_now + self.every, now + self.offset, self.every)
         known = self._begun is not None and same_time(self._begun + self.every, now, self.every)
-        if not ahead or not (known or all(name in self.floes.outputs for name in mean)):
+        if not ahead or not (known or all(name in self.floes.outputs for name in means)):
             raise InputError(
                 f"couple: the host is at {host_now:.12g} s, the floes at {now:.12g} s, which should be"
                 f" {now + self.offset:.12g} s of the host; say otherwise with offset"
             )
         before = {name: total for name, total in self._accounts().items() if name == "host"}
-        stress = self._give_back(
-            self.every,
-            lambda c: c.scaled(c.since() if known else c.instant(), self.every, was_mean=not known),
-        )
-        with self._books_kept():
-            self._step_host(_Unbooked(now, self.every, stress, before))
+        stress = self._give_back(self.every, known)
+        self._step_host(_Unbooked(now, self.every, stress, before))
 
     def _give_states(self) -> None:
         for side in (self.host, self.floes):
             side.refuse_changed_grids()
         for connection in self.to_floes:
-            values = connection.giver.get(connection.source)
-            connection.put(connection.carry(connection.scaled(values, self.every)))
+            connection.put(connection.carry(connection.latest()))
         for connection in self.to_host:
             connection.remember()
         self._begun = self.floes.time()
 
-    def _give_back(self, duration: float, means: Callable[[Connection], np.ndarray]) -> _Impulse:
-        """Give the host the means over an exchange.  The floes lost it once, however many inputs take it."""
-        total = _Impulse(np.zeros(2), np.zeros(2), np.zeros(2), set())
+    def _give_back(self, duration: float, known: bool = True) -> _Impulse:
+        """Give the host the means over an exchange [s].  The floes lost it once, however many inputs take it.
+
+        known : whether running integrals were remembered as the exchange began; else the floes' own means are taken
+        """
+        given, taken, missed, turned = np.zeros(2), np.zeros(2), np.zeros(2), 0.0
+        axes: set[int] = set()
         unseen: set[int] = set()
-        turned = 0.0
         for connection in self.to_host:
-            values = means(connection)
+            values = connection.mean(duration) if known else connection.latest()
             carried = connection.put(connection.carry(values))
-            axis = axis_of(connection.source)
-            of_water = connection.kind == "integral" and connection.source.startswith(ON_WATER)
-            if of_water and axis is not None and axis not in total.axes:
-                given, taken, missed, size = connection.force(values, carried)
-                total.given[axis] += given * duration
-                total.taken[axis] += taken * duration
-                total.missed[axis] += missed * duration
-                total.axes.add(axis)
-                turned += size * duration
-            elif axis is not None and not of_water and BOTTOM in connection.source:
+            axis, source = axis_of(connection.source), connection.source
+            of_water = connection.kind == "integral" and source.startswith(ON_WATER)
+            if of_water and axis is not None and axis not in axes:
+                force = connection.force(values, carried)
+                given[axis], taken[axis], missed[axis] = (duration * part for part in force[:3])
+                turned += duration * force[3]
+                axes.add(axis)
+            elif axis is not None and not of_water and BOTTOM in source:
                 unseen.add(axis)
-        for axis in unseen - total.axes:
-            total.given[axis] = total.taken[axis] = total.missed[axis] = np.nan
-        return total._replace(turned=turned)
+        for axis in unseen - axes:
+            given[axis] = taken[axis] = missed[axis] = np.nan
+        return _Impulse(given, taken, missed, axes, turned)
 
     def _accounts(self) -> dict[str, np.ndarray]:
         """Running totals that the models offer [N s]."""
         totals = {}
+        of_x = MOMENTUM.format(a="x")
         for side in (self.host, self.floes):
-            ends = [name for name in side.outputs if name.endswith(MOMENTUM.format(a="x"))]
-            if len(ends) == 1:
-                totals[side.name] = side.pair(ends[0][: -len(MOMENTUM.format(a="x"))] + MOMENTUM)
+            names = [name for name in side.outputs if name.endswith(of_x)]
+            if len(names) == 1:
+                totals[side.name] = side.pair(names[0].removesuffix(of_x) + MOMENTUM)
         found = [name for name in OTHERS if name.format(a="x") in self.floes.outputs]
         if found:
             totals["other"] = sum(self.floes.pair(name) for name in found)
@@ -493,20 +467,14 @@ def _check_time(until: float) -> None:
         raise InputError(f"couple: until = {in_line(until)} s: must be a finite number")
 
 
-def _check_kind(name: str, given: Mapping[Any, Any] | None, kind: type) -> None:
-    for key, value in (given or {}).items():
-        if not isinstance(value, kind):
-            raise InputError(f"couple: {name}[{key!r}] = {value!r}: must be a {kind.__name__}")
-
-
 class _Impulse(NamedTuple):
     """Of ice on water in one exchange: on the floes' grid, on the host's, lost between them [N s]."""
 
     given: np.ndarray
     taken: np.ndarray
     missed: np.ndarray
-    axes: set[int]
-    turned: float = 0.0  # Σ |.| over cells and axes
+    axes: set[int]  # along which these are known
+    turned: float  # Σ |.| over cells and axes
 
 
 class _Unbooked(NamedTuple):

@@ -51,7 +51,19 @@ def is_too_long(error: Exception) -> bool:
 
 
 class Side:
-    """One of the two models, asked through BMI only; what it says is checked."""
+    """One of the two models, asked through BMI only; what it says is checked.
+
+    Parameters
+    ----------
+    name : "host" or "floes"
+    model : initialized
+    units : of variables that do not tell them, or tell them wrong
+    grids : BMI grid number → `Grid`, where BMI does not tell cells or mask
+
+    Attributes
+    ----------
+    inputs, outputs : names of its variables
+    """
 
     def __init__(
         self, name: str, model: Bmi, units: Mapping[str, str], grids: Mapping[int, Grid]
@@ -66,20 +78,27 @@ class Side:
             self._second = in_seconds(model.get_time_units(), name)
 
     def title(self) -> str:
+        """Its name here and that of the component."""
         return f"{self.name} {self.model.get_component_name()!r}"
 
     def time(self) -> float:
+        """What its clock shows [s]."""
         # float: a clock in single precision would have all that is reckoned with it in single precision
         return float(self.model.get_current_time()) * self._second
 
     def start_time(self) -> float:
+        """When its clock began [s]."""
         return float(self.model.get_start_time()) * self._second
 
     def end_time(self) -> float:
+        """Until when it can run [s]."""
         return float(self.model.get_end_time()) * self._second
 
     def update_until(self, time: float, every: float) -> None:
-        """To a time [s]; a model without update_until is stepped.  It must land there."""
+        """Update it to a time [s], step by step if it has no update_until; InputError if it does not land there.
+
+        every : the exchange interval [s]
+        """
         try:
             self.model.update_until(time / self._second)
         except NotImplementedError:
@@ -97,20 +116,25 @@ class Side:
             )
 
     def units(self, name: str) -> str:
+        """UDUNITS text, empty if nobody tells it."""
         return self._units.get(name) or self.model.get_var_units(name) or ""
 
     def grid_number(self, name: str) -> int:
+        """The BMI number of a variable's grid."""
         return self.model.get_var_grid(name)
 
     def size(self, name: str) -> int:
+        """How many values a variable has."""
         return self.model.get_var_nbytes(name) // self.model.get_var_itemsize(name)
 
     def get(self, name: str) -> np.ndarray:
+        """A copy of the values of a variable (size,), as float64."""
         values = np.empty(self.size(name), self.model.get_var_type(name))
         self.model.get_value(name, values)
         return values.astype(np.float64)
 
     def set(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Set an input; returns the values as the model has them, in its own precision."""
         given = values.astype(self.model.get_var_type(name))
         if given.size <= self._longest:
             try:
@@ -126,6 +150,7 @@ class Side:
         return given.astype(np.float64)
 
     def pair(self, template: str) -> np.ndarray:
+        """The scalar outputs along x and y whose names have x and y in the place of {a}: (2,)."""
         return np.array([self.get(template.format(a=a))[0] for a in "xy"])
 
     def know_grid(self, name: str) -> Grid:
@@ -146,7 +171,7 @@ class Side:
         return self._grids[key][0]
 
     def refuse_idle_grids(self) -> None:
-        """A grid that was given for a number that no variable has."""
+        """InputError for a grid that was given for a number that no variable has."""
         if not self._given:
             return
         numbers = sorted({self.grid_number(name) for name in (*self.inputs, *self.outputs)})
@@ -158,6 +183,7 @@ class Side:
                 )
 
     def refuse_changed_grids(self) -> None:
+        """InputError if a grid is not what it was when `know_grid` first asked for it."""
         for (number, location), (_, known, name) in self._grids.items():
             if digest(told_of(self.model, number, location)) != known:
                 raise InputError(

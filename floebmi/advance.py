@@ -15,15 +15,13 @@ from typing import Literal
 
 import numpy as np
 
-from floebmi.arrays import all_within
-from floebmi.boundaries import Domain, edge_of
+from floebmi.boundaries import Domain, edge_of, leaving
 from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import (
     NEARLY,
     Books,
     Laws,
-    Lists,
     Marked,
     Step,
     Walls,
@@ -40,45 +38,20 @@ from floebmi.forces import (
     in_order,
     speed_bound,
 )
-from floebmi.kept import Kept, Marks, Memory
+from floebmi.kept import Kept, Marks
 from floebmi.kernels import BLOCK
+from floebmi.listing import Memory, list_neighbours
 from floebmi.making import work_clock
-from floebmi.pack import (
-    Packed,
-    Stiffest,
-    Survey,
-    deepest,
-    in_space,
-    list_pairs,
-    look,
-    pack,
-    pack_again,
-    paper_step,
-    places,
-    pressed,
-    reach,
-    stable_step,
-    stiffest,
-    stock_of_each,
-    survey,
-    unpack,
-    widest_gap,
-)
-from floebmi.pairs import emptied, near_of, room_for_blows
+from floebmi.pack import Packed, in_space, pack, pack_again, places, unpack
+from floebmi.pairs import emptied
+from floebmi.stable_step import Stiffest, paper_step, stable_step, stiffest
 from floebmi.state import State
+from floebmi.survey import Contacts, Survey, deepest, pressed, stock_of_each, survey, touching_pairs
 from floebmi.taylor import taylor
 from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
 MOST_STEPS = 1e12  # of one exchange: they would take hours for a single floe
-# Three widths, each a gap up to which pairs are listed, from the widest to the narrowest:
-#   skin     the list of pairs: it holds until floes have strayed by half of it
-#   closing  pairs that count in the stable step: it holds until floes have strayed by half of that
-#   near     the short list at least (see `dynamics.wide_enough`)
-CLOSING = 0.3  # of the smallest radius, or up to three times that where sizes differ
-NARROWEST, WIDEST = 3.0, 6.0  # skin over closing
-FEW = 3000  # floes: making a list has a cost that does not depend on their number, and is that of listing so many
-NEAR = 0.05  # near over closing
 
 
 class Advance:
@@ -87,17 +60,18 @@ class Advance:
     `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
     the work.
 
-    The list holds all pairs that may touch before two floes have come nearer to each other by `skin` [m]; the step is
-    found from the pairs that may touch before two floes have come nearer by `closing` [m].
+    The list holds all pairs that may touch before two floes have come nearer to each other by its skin; the step is
+    found from the pairs that may touch before two floes have come nearer by its closing (see listing.py).
 
     Attributes
     ----------
     packed : the floes in a kernel's order; order : their numbers in the tables of the forces
-    pairs, tiles, lists, walls : the list of pairs, the tiles it is made of, its short lists, and who is near a wall
-    skin, closing : as above [m]
+    pairs, listed : the list of pairs, and where and how widely it was made
+    lists, walls : its tiles and short lists, and who is near a wall
     room, travelled : how far floes may stray until the list is stale, and how far they have [m]
+    tested : pairs tested to make the list; None of one that was kept, and counted before
     near : whether the short lists are of the present place
-    before : how the floes fare now (`pack.Survey`), and next steps begin
+    before : how the floes fare now (`survey.Survey`), and next steps begin
     at : table of each force, while it runs
     held, lost, liveliest : sums of `dynamics.Books` on the way, and the highest kinetic energy [J]
     lag : of the other forces behind the floes, see `dynamics.time_to_push`
@@ -143,9 +117,8 @@ class Advance:
         """Pack the floes, and list their neighbours where they are now; old : what pairs remember so far."""
         begin = work_clock()
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
-        self._list(self.packed, self.state.walls.position.copy(), old)
+        self._list(self.state.walls.position.copy(), old)
         self.state.seconds.lists += work_clock() - begin
-        self.fresh = True
         self.room = self._half_skin()
         self._stiffest: Stiffest | None = None
         self.before: Survey | None = None
@@ -159,22 +132,22 @@ class Advance:
             self.packed = self._pack(number, *here)
         else:
             self.packed = pack_again(kept.packed, self.floes, *here, self.state.previous)
-        self.list_x, self.list_y, self.list_walls = kept.x, kept.y, kept.walls
-        self.skin, self.closing, self.tiles = kept.skin, kept.closing, kept.lists.tiles
-        self.pairs = pairs.copy()
+        self.listed, self.pairs = kept.listed, pairs.copy()
         self.lists = kept.lists._replace(near=emptied(kept.lists.near, self.pairs))
-        self._meet_walls(kept.wall_floe, kept.wall_number)
-        self.fresh = False
+        self._meet_walls()
+        self.tested = None
         self.room, self._stiffest, self.before = kept.room, kept.stiffest, kept.survey
         self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
         if self._stiffest is None:  # it will be found for where the floes are now
             self._mark_anew()
 
     def list_again(self, marks: Marks) -> None:
-        """Make the list of a restart file anew, and keep it for floes as they are now."""
+        """Make the list of a restart file anew, where it has one, and keep it for floes as they are now."""
+        if not len(marks.way):
+            return
         number, x, y, walls, (room, travelled), stiffest = marks
         self.packed = self._pack(number, x, y)
-        self._list(self.packed, walls, self.state.memory)
+        self._list(walls, self.state.memory)
         self.room, self.travelled, self._stiffest = float(room), float(travelled), None
         self.before = None
         if len(stiffest):
@@ -186,31 +159,13 @@ class Advance:
         state = self.state
         return pack(self.floes, number, x, y, self.density, state.previous, self.domain.origin)
 
-    def _list(self, at: Packed, walls: np.ndarray, old: Memory) -> None:
-        """List the pairs of floes packed where they are or were, and floes near walls likewise."""
-        radius = at.floes["r"][~at.land]
-        smallest, largest = radius.min(initial=np.inf), radius.max(initial=0.0)
-        octaves = np.log2(largest / smallest) if largest else 0.0
-        self.closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
-        # the list is widest where sizes differ much, since then few pairs are close, and where floes are few: with a skin of
-        # w closings steps cost in proportion to w n, making lists to (n + FEW)/w; the sum is least at w² = 1 + FEW/n
-        few = math.sqrt(1.0 + FEW / max(len(radius), 1))
-        width = min(max(NARROWEST, octaves) * few, WIDEST)
-        # yet no floe may meet another on both sides of a period
-        widest = reach(at, self.contact, 0.0).max(initial=0.0)
-        room = [0.49 * period - 2.0 * widest for period in self.period if period]
-        self.skin = max(self.closing, min([self.closing * width, *room]))
-        place = np.full(len(self.floes), -1)
-        place[at.number] = np.arange(len(at.number))
-        self.pairs, self.tiles, self.tested = list_pairs(
-            at, self.contact, self.period, self.skin, old.pairs, old.number, place
-        )
-        self.lists = Lists(
-            *near_of(self.pairs, self.tiles.parts), self.tiles, room_for_blows(self.tiles.parts),
-            widest_gap(at, self.contact), NEAR * self.closing,
+    def _list(self, positions: np.ndarray, old: Memory) -> None:
+        """List the neighbours of the floes where they are packed, with the walls at these positions [m]."""
+        self.tested: int | None
+        self.listed, self.pairs, self.lists, self.tested = list_neighbours(
+            self.packed, self.contact, self.period, self.state.walls, positions, old, len(self.floes)
         )  # fmt: skip
-        self.list_x, self.list_y, self.list_walls = at.first_x, at.first_y, walls
-        self._meet_walls(*self._near_walls(at, walls))
+        self._meet_walls()
 
     def memory(self) -> Memory:
         """What the pairs remember now."""
@@ -220,8 +175,7 @@ class Advance:
         """Leave the list to the next exchange, with what its pairs remember; from here on nobody may change these arrays."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
-            self.list_x, self.list_y, self.list_walls, self.lists, self.walls.floe, self.walls.number,
-            self.skin, self.closing, self.room, self.travelled, self._stiffest, self.floes.copy(),
+            self.listed, self.lists, self.room, self.travelled, self._stiffest, self.floes.copy(),
             self.packed, self.before,
         )  # fmt: skip
 
@@ -232,7 +186,7 @@ class Advance:
             begin = work_clock()
             walls = self.walls._replace(walls=self.state.walls)
             self._stiffest = stiffest(
-                self.contact, self.packed, self.pairs, self.period, walls, self.closing
+                self.contact, self.packed, self.pairs, self.period, walls, self.listed.closing
             )
             self.state.seconds.lists += work_clock() - begin
         return self._stiffest
@@ -243,7 +197,7 @@ class Advance:
             self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
         self.rate = self._rate_of_forces()
-        if self.fresh:
+        if self.tested is not None:
             counters = self.state.counters
             counters.rebuilds += 1
             counters.tested += self.tested
@@ -281,26 +235,15 @@ class Advance:
 
     def _stray_on(self) -> bool:
         """Whether the list of pairs still has room; if so, it is kept, and only what sets the step is to be found anew."""
-        if self.room - self.travelled <= 0.5 * self.closing:
+        if self.room - self.travelled <= 0.5 * self.listed.closing:
             return False
         self._mark_anew()
         self._stiffest = None
         return True
 
-    def _near_walls(self, at: Packed, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs of packed floe and number of wall that may touch, walls at these positions; coast, which may lie over a wall, is left out."""
-        floes, numbers = [], []
-        if self.contact is not None:
-            near, walls = at.floes["r"] + self.skin, self.state.walls
-            for w, (axis, side) in enumerate(zip(walls["axis"], walls["side"], strict=True)):
-                across = at.first_y if axis else at.first_x
-                close = np.flatnonzero((side * (across - positions[w]) < near) & ~at.land)
-                floes.append(close)
-                numbers.append(np.full(len(close), w))
-        nothing = [np.zeros(0, np.int64)]
-        return np.concatenate(floes or nothing), np.concatenate(numbers or nothing)
-
-    def _meet_walls(self, floe: np.ndarray, number: np.ndarray) -> None:
+    def _meet_walls(self) -> None:
+        """Room for what happens between walls and the floes that are listed near them."""
+        floe, number = self.listed.wall_floe, self.listed.wall_number
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
         self.walls = Walls(
             self.state.walls if len(self.state.walls) else None, floe, number,
@@ -319,38 +262,34 @@ class Advance:
         self.near = True  # the short list is of the present place
 
     def _books(self) -> Books:
-        parts = len(self.tiles.parts) - 1
+        parts = len(self.lists.tiles.parts) - 1
         return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
 
-    def _close(self, books: Books) -> None:
-        self.held += books.held.sum(axis=0)
-        self.lost += books.lost.sum(axis=0)
-
     def finish(self) -> None:
-        """Put everything back into the floes and the state, and close the books."""
+        """Put everything back into the floes and the state, and book what the ice gained and lost."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
-        self._wrap()
+        self.domain.bring_back(self.floes.x, self.floes.y)
         self._keep()
         self._book()
 
     def _renew(self) -> None:
         """Floes have strayed: who comes and goes, and does the list last?  If not, list them anew."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
-        leaving, new = self._come_and_go()
-        if len(leaving) or len(new) or not self._stray_on():
-            self._wrap()
-            self._list_with(leaving, new)
+        gone, new = self._come_and_go()
+        if len(gone) or len(new) or not self._stray_on():
+            self.domain.bring_back(self.floes.x, self.floes.y)
+            self._list_with(gone, new)
 
     def _come_and_go(self) -> tuple[np.ndarray, np.ndarray]:
         """Floes beyond an inactive edge become inactive, and feeders add new ones: the numbers of both."""
-        leaving = self._leaving()
-        self.floes.active[leaving] = False
+        gone = leaving(self.floes, self.domain)
+        self.floes.active[gone] = False
         added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
-        return leaving, np.concatenate(added) if added else np.empty(0, np.int64)
+        return gone, np.concatenate(added) if added else np.empty(0, np.int64)
 
-    def _list_with(self, leaving: np.ndarray, new: np.ndarray) -> None:
+    def _list_with(self, gone: np.ndarray, new: np.ndarray) -> None:
         """List anew without floes that have left, and with new ones."""
-        elastic = self.kept_energy() if len(leaving) else 0.0
+        elastic = self.kept_energy() if len(gone) else 0.0
         if len(new):
             self.state.fit(len(self.floes))
             draw_own(self.floes, self.contact, self.state.rng)
@@ -358,9 +297,9 @@ class Advance:
         self._touch()
         self._reorder()
         self._begin()
-        if len(leaving):
-            self._change_anew()
-            stock = floe_stock(self.floes, self._among(leaving), self.density)
+        if len(gone):
+            self._extrapolate_anew()
+            stock = floe_stock(self.floes, self._among(gone), self.density)
             stock[3] -= self.kept_energy() - elastic
             self.state.ledger.book("outflow", *-stock)
         if len(new):
@@ -381,11 +320,10 @@ class Advance:
         among[number] = True
         return among
 
-    def _change_anew(self) -> None:
-        """Let the last forces that `taylor3` extrapolates from be the present ones, of the floes that are still here.
+    def _extrapolate_anew(self) -> None:
+        """Let `taylor3` extrapolate from the present forces instead of those of the last step.
 
-        Those of the last step hold contacts with floes that have left: that these end would act on one floe of the pair
-        alone.
+        Among those are contacts with floes that have left since: their end would act on one floe of the pair alone.
         """
         previous, force, walls = self.packed.previous, self.packed.force, self.state.walls
         if previous is None:
@@ -393,36 +331,6 @@ class Advance:
         for column, name in enumerate(("x", "y", "torque")[: 2 + self.floes.rotation]):
             previous[:, column] = force[name]
         walls.previous[:] = walls.force
-
-    def _wrap(self) -> None:
-        """Bring floes beyond a periodic seam to the other side.
-
-        As `Domain.brought_back` does, but for round-off; in place, and where no floe is out, as in most exchanges, it only
-        looks.
-        """
-        floes, domain = self.floes, self.domain
-        for place, (low, _), period in (
-            (floes.x, domain.x, self.period[0]),
-            (floes.y, domain.y, self.period[1]),
-        ):
-            if period is not None and not all_within(place, low, low + period):
-                place -= period * np.floor((place - low) / period)
-
-    def _leaving(self) -> np.ndarray:
-        """The numbers of those beyond an inactive edge, who leave for good."""
-        floes, domain = self.floes, self.domain
-        if "inactive" not in (domain.west, domain.east, domain.south, domain.north):
-            return np.empty(0, np.int64)
-        gone = np.zeros(len(floes), bool)
-        for place, (low, high), edges in (
-            (floes.x, domain.x, (domain.west, domain.east)),
-            (floes.y, domain.y, (domain.south, domain.north)),
-        ):
-            if edges[0] == "inactive":
-                gone |= place < low
-            if edges[1] == "inactive":
-                gone |= place > high
-        return np.flatnonzero(gone & floes.active & ~floes.land)
 
     # ---- stepping ----------------------------------------------------------------------------------
 
@@ -443,12 +351,12 @@ class Advance:
         """
         self.at, self.order, self.time = tuple(at), self.packed.number, time
         self._begin()
-        leaving, new = self._come_and_go()
-        if len(leaving) or len(new):
-            self._list_with(leaving, new)
+        gone, new = self._come_and_go()
+        if len(gone) or len(new):
+            self._list_with(gone, new)
         done = 0.0
         while done < duration:
-            if self.travelled > NEARLY * self._reach():
+            if self._strayed_far():
                 self._renew()
             done = self._some_steps(done, duration)
         self.finish()
@@ -459,14 +367,14 @@ class Advance:
         """See `Model.seconds_per_step`; what the steps change stays changed, the caller goes back to what was before."""
         self.at, self.order, self.time = tuple(at), self.packed.number, math.nan
         self._begin()
-        if self.travelled > NEARLY * self._reach():
+        if self._strayed_far():
             self._renew()
         if without == "contacts":
             near, nobody = self.lists.near, np.zeros(0, np.int64)
-            nothing = np.zeros_like(near.parts), np.zeros_like(near.counts)
-            near = near._replace(parts=nothing[0], counts=nothing[1])
+            near = near._replace(parts=np.zeros_like(near.parts), counts=np.zeros_like(near.counts))
             self.lists = self.lists._replace(near=near)
-            self._meet_walls(nobody, nobody)
+            self.listed = self.listed._replace(wall_floe=nobody, wall_number=nobody)
+            self._meet_walls()
         if without == "forces":
             self.lag[:] = -math.inf, math.inf  # ahead for ever
         begin = work_clock()
@@ -475,21 +383,7 @@ class Advance:
 
     def _some_steps(self, done: float, duration: float) -> float:
         """Steps until the time is reached or the list may be stale; returns the time reached."""
-        rest, dt = duration - done, self.longest_step()
-        if self.step.length is None and self.step.epsilon is None and self.contact is None:
-            # nothing else says how long a way at one velocity may be
-            dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
-        if rest / MOST_STEPS > dt:
-            raise StabilityError(
-                f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
-                f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"
-            )
-        if self.step.length is None and self.step.epsilon is None:
-            steps = max(1, int(np.ceil(rest / dt - 1e-9)))
-            dt = rest / steps
-        else:
-            steps = max(1, int(rest / dt + 1e-9))  # a shorter one ends the interval
-            dt = min(dt, rest)
+        dt, steps = self._steps_for(duration - done, done)
         taken = 0
         self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
         while taken < steps:
@@ -500,23 +394,47 @@ class Advance:
             self._count(n, dt)
             self._check(Survey(*survey(self.packed)), dt, done + taken * dt)
             self.travelled = strayed(self.packed.floes, self.walls.walls, self.marked)
-            if self.travelled > NEARLY * self._reach():
+            if self._strayed_far():
                 break
         reached = done + taken * dt
         return duration if abs(duration - reached) <= 1e-9 * dt else reached
 
+    def _steps_for(self, rest: float, done: float) -> tuple[float, int]:
+        """Length [s] and number of the steps for the rest of an exchange [s], of which `done` seconds are over."""
+        dt, told = (
+            self.longest_step(),
+            self.step.length is not None or self.step.epsilon is not None,
+        )
+        if not told and self.contact is None:
+            # nothing else says how long a way at one velocity may be
+            dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
+        if rest / MOST_STEPS > dt:
+            raise StabilityError(
+                f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
+                f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"
+            )
+        if told:  # a shorter one ends the interval
+            return min(dt, rest), max(1, int(rest / dt + 1e-9))
+        steps = max(1, int(np.ceil(rest / dt - 1e-9)))
+        return rest / steps, steps
+
+    def _strayed_far(self) -> bool:
+        """Whether floes have strayed so far that something has to be looked at anew."""
+        return self.travelled > NEARLY * self._reach()
+
     def _reach(self) -> float:
         """How far floes may stray from their marks [m] before something has to be looked at anew."""
-        bounded = self.contact is not None and self.closing > 0.0
-        return min(self.room, 0.5 * self.closing) if bounded else self.room
+        bounded = self.contact is not None and self.listed.closing > 0.0
+        return min(self.room, 0.5 * self.listed.closing) if bounded else self.room
 
     def _half_skin(self) -> float:
         if self.packed.land.all():  # also where there are no floes
             return np.inf
-        # without contacts the list only serves the edges: a floe may go a tenth of the domain beyond
-        return (
-            0.5 * self.skin if self.contact is not None else 0.05 * float(np.sqrt(self.domain.area))
-        )
+        if (
+            self.contact is None
+        ):  # the list only serves the edges: a floe may go a tenth of the domain beyond
+            return 0.05 * float(np.sqrt(self.domain.area))
+        return 0.5 * self.listed.skin
 
     def _kernel(self, dt: float, steps: int) -> int:
         """Take some steps, until the list may be stale; returns how many."""
@@ -530,11 +448,12 @@ class Advance:
             substeps = np.maximum(1, parts).astype(np.int64)
             rest = dt, steps, substeps, self.marked, *room, self.step.drag_every, self.lag
             scene = *scene, self._first_kick(dt), self.before.speed * dt if self.near else np.inf
-            if len(self.tiles.chunks) == 2:
+            if len(self.lists.tiles.chunks) == 2:
                 done = verlet(*scene, *rest, self.buffers)
             else:
                 done = verlet_in_threads(self.threads, *scene, *rest)
-        self._close(books)
+        self.held += books.held.sum(axis=0)
+        self.lost += books.lost.sum(axis=0)
         self.near = False
         return done
 
@@ -550,14 +469,14 @@ class Advance:
     def _check(self, seen: Survey, dt: float, done: float) -> None:
         """Stop, before anything is handed on, when the floes left what the step resolves."""
         p = self.packed
-        at = f"at t = {self.time + done:g} s with a step of {dt:g} s"
+        when = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         if not seen.finite:
             with np.errstate(over="ignore"):
                 moving = [p.floes["x"], p.floes["y"], p.floes["u"] ** 2 + p.floes["v"] ** 2]
             moving += [] if p.spinning is None else [p.spinning["omega"], p.angle]
             floe = p.number[np.argmax(~np.isfinite(moving).all(axis=0))]
             raise StabilityError(
-                f"floe {floe}: position or velocity is no longer finite {at}; "
+                f"floe {floe}: position or velocity is no longer finite {when}; "
                 f"a step of {0.5 * dt:g} s may hold"
             )
         self.liveliest = max(self.liveliest, seen.energy)
@@ -565,9 +484,9 @@ class Advance:
         if self.contact is not None:
             # a contact may have stopped it
             self._check_pace(max(seen, before, key=lambda each: each.pace), dt, done)
-            self._check_walls(at)
+            self._check_walls(when)
             if self.contact.failure is None:  # else floes raft: one lies over the other
-                self._check_overlaps(at)
+                self._check_overlaps(when)
 
     def _check_pace(self, seen: Survey, dt: float, done: float) -> None:
         """Stop where a floe would miss another on its way, or has missed it."""
@@ -580,19 +499,19 @@ class Advance:
                 f"a step of {0.1 * dt / way:.2g} s would hold"
             )
 
-    def _check_overlaps(self, at: str) -> None:
+    def _check_overlaps(self, when: str) -> None:
         p = self.packed
         pair, share = deepest(*self.period, p.floes, self.lists.near)
         if share > 1.0:
             one, other = p.number[[self.pairs.i[pair], self.pairs.j[pair]]]
             modulus = self.contact.elastic.youngs_modulus
             raise StabilityError(
-                f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {at}; "
+                f"floes {one} and {other}: overlap by {share:.2g} of the smaller radius {when}; "
                 f"the ice is too soft for this blow: a youngs_modulus of {10 * modulus:.2g} Pa, "
                 f"now {modulus:.2g}, may hold"
             )
 
-    def _check_walls(self, at: str) -> None:
+    def _check_walls(self, when: str) -> None:
         """Stop where the centre of a floe has passed a wall."""
         p, floe = self.packed, self.walls.floe
         if not len(floe):
@@ -607,19 +526,34 @@ class Advance:
             k = int(np.argmax(passed))
             raise StabilityError(
                 f"floe {p.number[floe[k]]}: its centre is {passed[k]:.2g} m behind the wall in the "
-                f"{edge_of(walls[k])} {at}; the wall goes too far, or the ice is too soft for the blow or the load: its "
+                f"{edge_of(walls[k])} {when}; the wall goes too far, or the ice is too soft for the blow or the load: its "
                 f"youngs_modulus is {self.contact.elastic.youngs_modulus:.2g} Pa"
             )
 
     # ---- books -------------------------------------------------------------------------------------
 
+    def _touching(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `survey.touching_pairs`."""
+        p, lists = self.packed, self.lists
+        return touching_pairs(
+            self.contact, *self.period, p.floes, p.friction, p.tensile_strength, lists.near, lists.pairs
+        )  # fmt: skip
+
+    def contacts(self) -> Contacts:
+        """The pairs that push or hold each other, and their forces."""
+        p, pairs = self.packed, self.pairs
+        touching, rows = self._touching()
+        i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
+        order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
+        values = [column[order] for column in rows.T]
+        values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
+        values[7] = values[7] > 0
+        return Contacts(i[order], j[order], *values)
+
     def elastic_energy(self) -> float:
         """Energy stored in contacts, bonds and walls [J]."""
         p, walls = self.packed, self.state.walls
-        _, rows = look(
-            self.contact, *self.period, p.floes, p.friction, p.tensile_strength,
-            self.lists.near, self.lists.pairs,
-        )  # fmt: skip
+        _, rows = self._touching()
         energy = float(rows[:, -1].sum())
         floe, number = self.walls.floe, self.walls.number
         if len(floe):

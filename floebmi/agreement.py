@@ -6,8 +6,10 @@ law is a branch of the run: the state is whole, and what its energy or mass chan
 told, though, since it may be a slip.  Forcing, the step and what is written may be others.
 """
 
+import json
 import math
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,26 +17,87 @@ from floebmi.arrays import digest
 from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.floes import LAND, Floes
+from floebmi.forces import Coriolis
 from floebmi.grid import Grid
+from floebmi.kept import Marks
 from floebmi.pairs import wrap
+
+if TYPE_CHECKING:
+    from floebmi.model import Model
 
 _SAME = 1e-9  # relative difference of numbers that rounding may make on another machine
 _SHOWN = 4  # numbers of a row that a line has room for: the bounds of a grid
 _LAWS = "contact", "coriolis", "ice", "walls", "inflow"  # tables in which a number may be another
 
+_UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi does not have
 
-def named(name: str, value: object) -> Iterator[tuple[str, object]]:
+
+def scene_of(model: "Model") -> str:
+    """What a model has in common with those whose state it takes up, as JSON."""
+    rows = [*_named("domain", model.domain), *_of_grid("grid", model.grid)]
+    if model.atmosphere is not None:
+        rows += _of_grid("atmosphere.grid", model.atmosphere.grid)
+    rows += _named("contact", model.contact)
+    for force in model.forces:
+        if isinstance(force, Coriolis):
+            rows += _named("coriolis", force)
+    rows.append(("ice.density", model.ice_density))
+    for k, wall in enumerate(model.walls):
+        rows += _named(f"walls.{k}", wall)
+    for k, inflow in enumerate(model.inflow):
+        rows += [(f"inflow.{k}.edge", inflow.edge), *_named(f"inflow.{k}.sizes", inflow.sizes)]
+    return json.dumps(dict(rows))
+
+
+def refuse_unlike(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
+    """InputError if a model in the one state cannot take up the other: it is of another scene, or of a floebmi too old.
+
+    Returns in words which numbers of laws are others.
+    """
+    expected, branched = set(mine), []
+    if "scene" in theirs:
+        branched = _refuse_other_scene(json.loads(mine["scene"]), json.loads(str(theirs["scene"])))
+    else:  # of an older floebmi
+        expected.remove("scene")
+    if expected - set(theirs) == {f"list_{name}" for name in Marks._fields}:
+        raise InputError(
+            "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
+            "run the scene again from its start"
+        )
+    if set(theirs) != expected:
+        odd = ", ".join(sorted(set(theirs) ^ expected))
+        raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")
+    for fluid in ("ocean", "atmosphere"):
+        cells = f"{fluid}_u"
+        if cells in mine and np.size(theirs[cells]) != np.size(mine[cells]):
+            raise InputError(
+                f"restart: {fluid} has {np.size(theirs[cells])} cells, the scene's grid "
+                f"{np.size(mine[cells])}; must be the same grid"
+            )
+    if np.size(theirs["walls"]) != np.size(mine["walls"]):
+        raise InputError(
+            "restart: number of walls differs from the scene's, or an older floebmi wrote it"
+        )
+    have, need = np.size(theirs["counters"]), np.size(mine["counters"])
+    if have not in (need, need - _UNCOUNTED):
+        raise InputError(
+            f"restart: counters: {have} of them; must be {need}, or {need - _UNCOUNTED} of an older floebmi"
+        )
+    return branched
+
+
+def _named(name: str, value: object) -> Iterator[tuple[str, object]]:
     """A law, or what else is a tuple with names, in rows of (dotted name, number or text)."""
     if hasattr(value, "_asdict"):
         yield name, type(value).__name__
         for part, inner in value._asdict().items():
-            yield from named(f"{name}.{part}", inner)
+            yield from _named(f"{name}.{part}", inner)
     else:
         is_array = isinstance(value, tuple | np.ndarray | np.generic)
         yield name, np.asarray(value).tolist() if is_array else value
 
 
-def of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
+def _of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
     """Rows of a grid: its shape, where it is, and digests of its corners and of its wet cells."""
     west, east, south, north = (float(bound) for bound in grid.bounds)
     # as shares of the whole in integers: the same after rounding
@@ -46,7 +109,7 @@ def of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
     yield f"{name}.wet", digest(np.packbits(grid.wet))
 
 
-def refuse_other(mine: Mapping[str, object], theirs: Mapping[str, object]) -> list[str]:
+def _refuse_other_scene(mine: Mapping[str, object], theirs: Mapping[str, object]) -> list[str]:
     """InputError with the table and key of the first row that differs; other numbers of laws are returned, in words."""
     branched = []
     for name in dict.fromkeys([*mine, *theirs]):

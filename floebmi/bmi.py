@@ -3,8 +3,8 @@
 A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
 Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
 and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
-computed.  Who edits `model.floes` between two updates sees it in what he asks for then.  Names, units and signs come from `variables`, and from `bmi_totals` for what is one
-number for the whole.
+computed.  What a user changes in `model.floes` between two updates shows in the outputs that are asked for after that.
+Names, units and signs come from `variables`, and from `bmi_totals` for what is one number for the whole.
 
 The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
 
@@ -36,38 +36,26 @@ This module imports little, so that `floebmi.FloeBmi` can be there as soon as th
 
 import os
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from bmipy import Bmi
 
 from floebmi import variables
 from floebmi.bmi_buffers import copied, indices_of, numbers_of
-from floebmi.bmi_layout import Layout, layout_of
+from floebmi.bmi_layout import Layout
+from floebmi.bmi_running import FLOES, TYPES, Running, is_input
 from floebmi.bmi_totals import SCALARS, Scalar
 from floebmi.errors import InputError, choose, in_line
 from floebmi.quantities import flat, is_number
-from floebmi.variables import FLOE_VARIABLES, PER_ICE_AREA, VARIABLES, Variable
+from floebmi.variables import VARIABLES, Variable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from floebmi.floes import Floes
-    from floebmi.fluid import Fluid
-    from floebmi.forcing import VelocitySource
     from floebmi.model import Model
-    from floebmi.scene import Scene
 
-CELLS, WHOLE, AIR, FLOES = range(4)  # BMI grids: exchange cells, one number, the air's cells, floes
-SAME_TIME = 1e-9  # of an exchange: a remainder below this is round-off
 MOST_EXCHANGES = 1e9  # of one update: they would take days without a single floe
-
-_TYPES = {"float64": "float64", "bool": "int32", "int8": "int32"}  # what BMI hosts can take
-_FLOE_ROWS = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
 
 
 def table() -> str:
@@ -79,283 +67,13 @@ def table() -> str:
     return variables.table() + "".join(lines)
 
 
-# ---- the component ----------------------------------------------------------------------------
-
-
-@final
-class _Running:
-    """What exists between `initialize` and `finalize`: the model, its arrays, and who fills them."""
-
-    def __init__(self, config_file: str) -> None:
-        from floebmi.hosting import read_config
-
-        scene, view = read_config(config_file)
-        self.step = _exchange(scene)
-        self.end = sys.float_info.max if scene.time.duration is None else scene.time.duration
-        built = scene.build()
-        self.start, self.calendar = built.start, built.calendar
-        self.model: Model = built.model
-        self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
-        found = {"ocean": built.ocean, "atmosphere": built.atmosphere}
-        self.of_scene = {name: source for name, source in found.items() if source is not None}
-        self.sources: dict[str, VelocitySource] = dict(self.of_scene)  # those that no host replaced
-        self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
-        for name in self.sources:
-            self.fill(name, 0.0)
-        self.layouts = self._lay_out(view.cells == "faces")
-        self.rows: dict[str, Variable | Scalar] = {}
-        self.values: dict[str, np.ndarray] = {}
-        self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # who makes an output
-        self.asked: set[str] = set()
-        self.shown: object = None  # what the model knew of its floes when outputs were written
-        self._list()
-        self.show({})
-        if view.restart is not None:
-            self.load(Path(view.restart))
-
-    def _lay_out(self, faces: bool) -> dict[int, Layout]:
-        model = self.model
-        layouts = {CELLS: layout_of(model.grid, faces), WHOLE: Layout("scalar", 0, 1, 1, "node")}
-        if model.atmosphere is not None and model.atmosphere.grid is not model.grid:
-            layouts[AIR] = layout_of(model.atmosphere.grid, faces)
-        return layouts
-
-    def _list(self) -> None:
-        """The variables of this scene and their arrays, allocated once."""
-        model = self.model
-        for part in (model.ice_fields, model.internal_stress_fields, model.fluid_stress_fields):
-            self.parts |= dict.fromkeys(part(), part)
-        for row in VARIABLES:
-            values = None
-            if row.intent == "in":
-                values = row.array_in(model)
-            elif row.name in self.parts:
-                values = np.zeros(self.layouts[self.grid_of(row)].values)
-            if values is not None:
-                self.rows[row.csdms], self.values[row.csdms] = row, values
-        for scalar in SCALARS:
-            if not scalar.fluid or getattr(model, scalar.fluid) is not None:
-                self.rows[scalar.csdms], self.values[scalar.csdms] = scalar, np.zeros(1)
-        if not self.capacity:
-            return
-        _check_capacity(model.floes, self.capacity)
-        for row in _FLOE_ROWS:
-            if getattr(model.floes, row.name) is not None:
-                self.rows[row.csdms] = row
-                self.values[row.csdms] = np.zeros(self.capacity, _TYPES[row.dtype])
-                self.asked.add(row.csdms)
-        x, y = (self.values[row.csdms] for row in _FLOE_ROWS if row.name in ("x", "y"))
-        none = np.zeros(0, np.int64)
-        self.layouts[FLOES] = Layout(
-            "unstructured", 2, self.capacity, self.capacity, "node", x=x, y=y,
-            edge_nodes=none, face_edges=none, face_nodes=none, nodes_per_face=none,
-        )  # fmt: skip
-
-    def grid_of(self, row: Variable | Scalar) -> int:
-        if isinstance(row, Scalar):
-            return WHOLE
-        if row.grid == "floe":
-            return FLOES
-        return AIR if row.grid == "atmosphere" and AIR in self.layouts else CELLS
-
-    def wet_of(self, row: Variable) -> np.ndarray:
-        return self._fluid(row.home.partition(".")[0]).grid.wet
-
-    def shape_of(self, row: Variable) -> tuple[int, ...]:
-        return self._fluid(row.home.partition(".")[0]).grid.shape
-
-    def _fluid(self, name: str) -> "Fluid":
-        return getattr(self.model, name)
-
-    # ---- who fills the inputs
-
-    def fill(self, name: str, time: float) -> None:
-        """Let the scene's own source fill a fluid as it is at `time`, unless a host has written there."""
-        fluid = self._fluid(name)
-        if name in self.filled and not self.drives(name):
-            self.sources.pop(name, None)
-        if name in self.sources:
-            self.sources[name].fill(time, fluid.u, fluid.v)
-            self.filled[name] = _bits(fluid)
-
-    def drives(self, name: str) -> bool:
-        """Whether the scene's own source fills a fluid: no host has written there, through a pointer neither."""
-        return name in self.sources and np.array_equal(self.filled[name], _bits(self._fluid(name)))
-
-    def taken_over(self, row: Variable) -> None:
-        """A host has set this variable."""
-        fluid, _, component = row.home.partition(".")
-        if component in ("u", "v"):
-            self.sources.pop(fluid, None)
-
-    # ---- stepping
-
-    def advance(self, until: float) -> None:
-        """Exchanges of the scene's length and a shorter last one; lands exactly on `until`.
-
-        If it fails, all is as before.
-        """
-        with self.alone("update"):
-            self._advance(until)
-
-    def alone(self, call: str) -> AbstractContextManager[None]:
-        """No other thread at the model meanwhile; InputError if one is already."""
-        from floebmi.alone import alone
-
-        return alone(self.model, call)
-
-    def _advance(self, until: float) -> None:
-        rest = until - self.model.time
-        count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
-        # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
-        plain = count == 1 and not self.sources and not self.capacity and self.checkpoint is None
-        with nullcontext() if plain else self.unchanged_on_failure():
-            self._exchanges(until, rest, count)
-
-    def _exchanges(self, until: float, rest: float, count: int) -> None:
-        model = self.model
-        sums: dict[str, Any] = {}
-        for k in range(count):
-            whole = k < count - 1 or model.time + self.step == until
-            duration = self.step if whole else until - model.time
-            for name in ("ocean", "atmosphere"):
-                self.fill(name, model.time + 0.5 * duration)  # as a run does it
-            model.advance(duration)
-            if count > 1:
-                for name, values in self._means().items():
-                    sums[name] = sums.get(name, 0.0) + values * (duration / rest)
-        model.time = until
-        if count > 1 and model.ocean is not None:
-            sums |= self._per_ice_area(sums)
-        if self.capacity:
-            _check_capacity(model.floes, self.capacity)
-        if self.checkpoint is not None:
-            self.save(self.checkpoint, sums)
-        self.show(sums)
-
-    def _means(self) -> dict[str, np.ndarray]:
-        """Means over the last exchange of the model."""
-        means = {row.name for row in self.rows.values() if _is_mean(row)}
-        return {n: v for n, v in self.model.fluid_stress_fields().items() if n in means}
-
-    # ---- outputs
-
-    def show(self, means: dict[str, np.ndarray]) -> None:
-        """Write the outputs that the host has asked for, in place; the others wait until it asks.
-
-        means : over the last update, of what is a mean, where that was not one exchange
-        """
-        self.means, self.shown = means, self.model._seen
-        asked = {name: self.rows[name] for name in self.asked}
-        fields = {row.name: self.values[name] for name, row in asked.items() if _is_field(row)}
-        for part in {self.parts[name] for name in fields}:
-            part(out=fields)
-        for name in means.keys() & fields.keys():
-            fields[name][:] = means[name]
-        for name in self.asked:
-            if not _is_field(self.rows[name]):
-                self._write(name)
-
-    def array(self, name: str) -> np.ndarray:
-        """The array of a variable; an output is kept up to date from the time that it is asked for."""
-        if self._is_of_the_floes(name):
-            self.follow_edits()
-        if name not in self.asked:
-            with self.alone(name):  # an update in another thread goes through what was asked for
-                self._write(name)
-                self.asked.add(name)
-        return self.values[name]
-
-    def _is_of_the_floes(self, name: str) -> bool:
-        """Whether an output changes with the floes themselves; what fluids were given, and the books, wait for an update."""
-        row = self.rows[name]
-        if isinstance(row, Scalar) or row.intent == "in":
-            return False
-        given = self.parts.get(row.name) == self.model.fluid_stress_fields
-        return not given or row.name in PER_ICE_AREA
-
-    def follow_edits(self) -> None:
-        """Write the outputs anew if somebody has changed the floes since: they are of the floes as they are."""
-        if self.model._look() is self.shown:
-            return
-        means = dict(self.means)
-        if any(name in means for name in PER_ICE_AREA):
-            means |= self._per_ice_area(means)
-        with self.alone("get_value"):
-            self.show(means)
-
-    def _per_ice_area(self, means: dict[str, Any]) -> dict[str, np.ndarray]:
-        """Mean stresses over the area of ice now, so that with the concentration they give those per cell area."""
-        over = self.model.grid.area * self.model.over_ice_area()
-        return {name: means[per_cell] * over for name, per_cell in PER_ICE_AREA.items()}
-
-    def _write(self, name: str) -> None:
-        """Write one output, and no other."""
-        row, values = self.rows[name], self.values[name]
-        if isinstance(row, Scalar):
-            values[0] = row.value(self.model)
-        elif row.grid == "floe":
-            values[:] = 0  # a state that was loaded may have fewer floes
-            values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
-        elif row.intent == "out":
-            made = self.means if row.name in self.means else self.parts[row.name]()
-            values[:] = made[row.name]
-
-    # ---- the whole state
-
-    def save(self, path: str | Path, means: dict[str, np.ndarray]) -> None:
-        """All that `load` needs; `means` as for `show`."""
-        from floebmi.output import save_restart
-
-        state = {
-            "model": self.model.state(),
-            "mean": self._means() | means,
-            "driven_by_scene": {name: self.drives(name) for name in ("ocean", "atmosphere")},
-        }
-        date = {} if self.start is None else {"start": self.start, "calendar": self.calendar}
-        save_restart(path, state, {"time": self.model.time} | date)
-
-    def load(self, path: str | Path) -> None:
-        from floebmi.clock import refuse_other_start
-        from floebmi.output import load_restart
-
-        state, told = load_restart(path)
-        if set(state) != {"model", "mean", "driven_by_scene"}:
-            raise InputError(f"{path}: not a state that save_state of this component wrote")
-        refuse_other_start(self.start, self.calendar, told)
-        with self.alone("load_state"), self.unchanged_on_failure():
-            self.model.restore(state["model"])
-            if self.capacity:
-                _check_capacity(self.model.floes, self.capacity)
-            self.sources = {
-                name: source
-                for name, source in self.of_scene.items()
-                if state["driven_by_scene"][name]
-            }
-            self.filled = {name: _bits(self._fluid(name)) for name in self.sources}
-            self.show(state["mean"])
-
-    @contextmanager
-    def unchanged_on_failure(self) -> "Iterator[None]":
-        """What fails in here is undone; `show` comes last of what can fail, so outputs need no copies."""
-        before, sources, filled = self.model.state(), dict(self.sources), dict(self.filled)
-        up_to_date = self.shown is self.model._seen
-        try:
-            yield
-        except BaseException:
-            self.model.restore(before)
-            self.sources, self.filled = sources, filled
-            self.shown = self.model._seen if up_to_date else None
-            raise
-
-
 @final
 class FloeBmi(Bmi):
     """Sea-ice floes as a BMI 2.0 component (see the module's text for grids, time and who drives).
 
     The configuration file is a scene, TOML or YAML, or the name of a packaged one, or a table [bmi] that
-    names one.  Names of variables and what is known without a scene (units, types) can be asked before `initialize`; a scene then leaves
-    out what it does not model.
+    names one.  Names of variables, their units and types can be asked before `initialize`; a scene then leaves out what it
+    does not model.
 
     Raises
     ------
@@ -376,7 +94,7 @@ class FloeBmi(Bmi):
     METADATA = "metadata"  # folder in this package, for pymt
 
     def __init__(self) -> None:
-        self._running: _Running | None = None
+        self._running: Running | None = None
 
     # ---- control ------------------------------------------------------------------------------
 
@@ -396,7 +114,7 @@ class FloeBmi(Bmi):
             raise InputError("initialize: needs a scene, a TOML or YAML file or a packaged name")
         if not isinstance(config_file, str | os.PathLike):
             raise InputError(f"initialize: {in_line(config_file)}: must be the path of a scene")
-        self._running = _Running(str(config_file))
+        self._running = Running(str(config_file))
 
     def update(self) -> None:
         """Advance by one exchange interval, `get_time_step` seconds."""
@@ -455,11 +173,11 @@ class FloeBmi(Bmi):
 
     def get_input_var_names(self) -> tuple[str, ...]:
         """CSDMS names of what a host sets; before `initialize` all that any scene has."""
-        return tuple(name for name, row in self._rows().items() if _is_input(row))
+        return tuple(name for name, row in self._rows().items() if is_input(row))
 
     def get_output_var_names(self) -> tuple[str, ...]:
         """CSDMS names of what a host gets; before `initialize` all but those of single floes."""
-        return tuple(name for name, row in self._rows().items() if not _is_input(row))
+        return tuple(name for name, row in self._rows().items() if not is_input(row))
 
     def get_var_grid(self, name: str) -> int:
         """0 cells, 1 one number, 2 the air's own cells, 3 floes."""
@@ -469,7 +187,7 @@ class FloeBmi(Bmi):
     def get_var_type(self, name: str) -> str:
         """NumPy name of the type."""
         row = self._row(name)
-        return "float64" if isinstance(row, Scalar) else _TYPES[row.dtype]
+        return "float64" if isinstance(row, Scalar) else TYPES[row.dtype]
 
     def get_var_units(self, name: str) -> str:
         """UDUNITS text."""
@@ -518,7 +236,7 @@ class FloeBmi(Bmi):
         return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
-        """The array itself: right after every update, until `finalize`."""
+        """The array itself, which every update writes anew until `finalize`."""
         return self._array(name)
 
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
@@ -528,20 +246,20 @@ class FloeBmi(Bmi):
 
     def set_value(self, name: str, src: np.ndarray) -> None:
         """Set an input everywhere from numbers of any real type, size as `get_grid_size` (or faces)."""
-        row, values = self._input(name)
-        given = flat(name, numbers_of(name, src, values.size), self._now("set_value").shape_of(row))
+        now, row, values = self._input(name)
+        given = flat(name, numbers_of(name, src, values.size), now.cells_of(row).shape)
         self._refuse_not_finite(row, given, None)
         values[:] = given
-        self._now("set_value").taken_over(row)
+        now.taken_over(row)
 
     def set_value_at_indices(self, name: str, inds: np.ndarray, src: np.ndarray) -> None:
         """Set an input in some cells."""
-        row, values = self._input(name)
+        now, row, values = self._input(name)
         inds = indices_of(name, inds, values.size)
         given = numbers_of(name, src, inds.size).ravel()
         self._refuse_not_finite(row, given, inds)
         values[inds] = given
-        self._now("set_value_at_indices").taken_over(row)
+        now.taken_over(row)
 
     def _refuse_not_finite(self, row: Variable, given: np.ndarray, inds: np.ndarray | None) -> None:
         from floebmi.arrays import all_finite
@@ -549,7 +267,7 @@ class FloeBmi(Bmi):
         if all_finite(given):
             return
         finite = np.isfinite(given)
-        wet = self._now("set_value").wet_of(row)
+        wet = self._now(row.csdms).cells_of(row).wet
         wrong = ~finite & (wet if inds is None else wet[inds])
         if wrong.any():
             k = int(np.argmax(wrong))
@@ -627,7 +345,7 @@ class FloeBmi(Bmi):
 
     # ---- looking things up --------------------------------------------------------------------
 
-    def _now(self, call: str) -> _Running:
+    def _now(self, call: str) -> Running:
         if self._running is None:
             raise InputError(f"{call}: this component is not initialized; call initialize first")
         return self._running
@@ -647,12 +365,12 @@ class FloeBmi(Bmi):
         self._row(name)
         return self._now(name).array(name)
 
-    def _input(self, name: str) -> tuple[Variable, np.ndarray]:
+    def _input(self, name: str) -> tuple[Running, Variable, np.ndarray]:
         row, values = self._row(name), self._array(name)
-        if not _is_input(row):
+        if not is_input(row):
             inputs = ", ".join(self.get_input_var_names()) or "none"
             raise InputError(f"{name}: is an output, and cannot be set; inputs: {inputs}")
-        return row, values
+        return self._now(name), row, values
 
     def _layout(self, grid: int) -> Layout:
         layouts = self._now("grid").layouts
@@ -671,43 +389,3 @@ class FloeBmi(Bmi):
 
     def _fill(self, grid: int, name: str, buffer: np.ndarray) -> np.ndarray:
         return copied(self._part(grid, name), buffer, f"grid {grid}: {name}")
-
-
-# ---- small steps ------------------------------------------------------------------------------
-
-
-def _exchange(scene: "Scene") -> float:
-    """The exchange interval of a scene [s]."""
-    if scene.time.exchange is not None:
-        return float(scene.time.exchange)
-    if scene.time.duration is None and scene.output.every is None:
-        raise InputError(
-            f"{scene.file}: [time] exchange is missing: seconds between exchanges with the host"
-        )
-    if scene.output.every is not None:
-        return float(scene.output.every)
-    return float(scene.schedule().exchange)
-
-
-def _is_input(row: Variable | Scalar) -> bool:
-    return isinstance(row, Variable) and row.intent == "in"
-
-
-def _is_field(row: Variable | Scalar) -> bool:
-    return isinstance(row, Variable) and row.intent == "out" and row.grid != "floe"
-
-
-def _is_mean(row: Variable | Scalar) -> bool:
-    return isinstance(row, Variable) and row.intent == "out" and "time: mean" in row.mean
-
-
-def _bits(fluid: "Fluid") -> np.ndarray:
-    """Both components, so that NaN on dry cells equals itself."""
-    return np.concatenate([fluid.u, fluid.v]).view(np.int64)
-
-
-def _check_capacity(floes: "Floes", capacity: int) -> None:
-    if len(floes) > capacity:
-        raise InputError(
-            f"[bmi] floe_capacity = {capacity}: there are {len(floes)} floes; must be at least that"
-        )

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from floebmi.arrays import all_within
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, check_word, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
@@ -72,6 +73,12 @@ class Domain(NamedTuple):
                 values = np.where(out, low + np.mod(values - low, length), values)
             found.append(values)
         return found[0], found[1]
+
+    def bring_back(self, x: np.ndarray, y: np.ndarray) -> None:
+        """The same in place, to within round-off; where no place is out, as in most exchanges, it only looks."""
+        for values, (low, _), length in zip((x, y), (self.x, self.y), self.period, strict=True):
+            if length is not None and not all_within(values, low, low + length):
+                values -= length * np.floor((values - low) / length)
 
     def position(self, edge: str) -> float:
         """Coordinate of an edge [m]."""
@@ -157,6 +164,22 @@ def check_domain(domain: Domain) -> None:
     for one, other in (("west", "east"), ("south", "north")):
         if (getattr(domain, one) == "periodic") != (getattr(domain, other) == "periodic"):
             raise InputError(f"domain.{one} and domain.{other}: both or neither must be 'periodic'")
+
+
+def leaving(floes: Floes, domain: Domain) -> np.ndarray:
+    """The numbers of the floes whose centres are beyond an inactive edge, who leave for good."""
+    gone = np.zeros(len(floes), bool)
+    for place, (low, high), edges in (
+        (floes.x, domain.x, (domain.west, domain.east)),
+        (floes.y, domain.y, (domain.south, domain.north)),
+    ):
+        if edges[0] == "inactive":
+            gone |= place < low
+        if edges[1] == "inactive":
+            gone |= place > high
+    return (
+        np.flatnonzero(gone & floes.active & ~floes.land) if gone.any() else np.empty(0, np.int64)
+    )
 
 
 def _check_edge(what: str, edge: str, domain: Domain) -> None:

@@ -33,10 +33,9 @@ FLAGS = {
 }
 
 
-class Place(NamedTuple):
+class GridInFile(NamedTuple):
     """A grid as it stands in a file: the dimensions of its fields, and the attributes that they share."""
 
-    grid: "Grid"
     dimensions: tuple[str, ...]
     attributes: dict[str, str]
 
@@ -65,7 +64,7 @@ def define_time(data: "Dataset", attributes: Mapping[str, str]) -> None:
 
 
 def define_walls(data: "Dataset", edges: tuple[str, ...]) -> None:
-    """Place and stress in time of walls that stand at these edges of the domain."""
+    """Position and stress in time of walls that stand at these edges of the domain."""
     if not edges:
         return
     data.createDimension("wall", len(edges))
@@ -168,7 +167,7 @@ def define_land(data: "Dataset", land: "shapely.Geometry", projection: str | Non
         corner[:] = values
 
 
-def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | None) -> Place:
+def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | None) -> GridInFile:
     """Dimensions, coordinates, bounds, areas and mask of a grid."""
     if grid.kind == "unstructured":
         dimensions = (f"cell{suffix}",)
@@ -197,7 +196,7 @@ def define_grid(data: "Dataset", grid: "Grid", suffix: str, projection: str | No
         mask.setncatts({"standard_name": "land_binary_mask", "long_name": "1 on land, 0 on sea"})
         mask.setncatts({"units": "1", **FLAGS["land_mask"], **attributes})
         mask[:] = ~grid.wet.reshape(grid.shape)
-    return Place(grid, dimensions, {"cell_measures": f"area: cell_area{suffix}", **attributes})
+    return GridInFile(dimensions, {"cell_measures": f"area: cell_area{suffix}", **attributes})
 
 
 def _define_geographic(

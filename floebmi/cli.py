@@ -217,7 +217,7 @@ def _as_accurate(
     """
     from floebmi.scene import read_scene
     from floebmi.tables import parse_override
-    from floebmi.tradeoff import chosen, result, words
+    from floebmi.tradeoff import chosen, result, setting_text
 
     alone = result(read) is None
     measured = read_scene(scene) if alone else read
@@ -230,7 +230,7 @@ def _as_accurate(
                     f"or measure with it: floebmi tradeoff {scene} --set {override}"
                 )
     if not quiet:
-        click.echo(f"accuracy {accuracy:g}: {words(result(measured), setting)}")
+        click.echo(f"accuracy {accuracy:g}: {setting_text(result(measured), setting)}")
     changes = setting.split()
     return read_scene(scene, (*changes, *overrides) if alone else (*overrides, *changes))
 
@@ -371,7 +371,7 @@ def tradeoff(
         else:
             click.echo(
                 f"for an error of {of} below {error:g}, or that the seeds cannot tell: "
-                f"{trade.words(made.data, best)}"
+                f"{trade.setting_text(made.data, best)}"
             )
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:

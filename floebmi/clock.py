@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from floebmi.errors import InputError, check_word, in_line
-from floebmi.fields import DURATIONS, Field, coordinate
+from floebmi.factors import DURATIONS
+from floebmi.fields import Field, coordinate
 
 if TYPE_CHECKING:
     import cftime
@@ -30,7 +31,7 @@ Calendar = Literal[
     "julian",
 ]  # fmt: skip
 
-# Names of one and the same, for dates after 1582.
+# Names that mean the same calendar, for dates after 1582.
 _ALIKE = {
     "gregorian": "standard",
     "proleptic_gregorian": "standard",
@@ -38,11 +39,12 @@ _ALIKE = {
     "366_day": "all_leap",
 }
 
-# What cftime reads to the end; of a text of another form it leaves out what it does not know, an hour without minutes, say.
+# A date that cftime reads to its end; of another form it silently leaves out what it does not know, such as an hour without
+# minutes.
 _DATE = re.compile(
     r"-?\d{4,}-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?)?( ?(Z|UTC|[+-]\d\d(:?\d\d)?))?"
 )
-# The same of a date that numbers count from, which may be of any year.
+# The same for a date that the numbers of a file count from, which may be of any year.
 _REFERENCE = re.compile(
     r"[-+]?\d+-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d*)?)?)?( ?(Z|UTC|GMT|[+-]\d\d(:?\d\d)?))?",
     re.IGNORECASE,
@@ -237,7 +239,7 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
 
 
 def text_of(start: Date) -> str:
-    """A date as `date_of` reads it: of numpy's those that count hours have a text that ends with the hour."""
+    """A date as `date_of` reads it; the text of a numpy date in hours would end with the hour."""
     hours = isinstance(start, np.datetime64) and np.datetime_data(start)[0] == "h"
     return str(start.astype("datetime64[s]") if hours else start)
 
@@ -288,11 +290,11 @@ def _dates(array: xr.DataArray, where: str) -> np.ndarray:
 
 
 def _check_reference(units: str, dates: np.ndarray, where: str) -> None:
-    """InputError for a date to count from that was not read to its end: what is behind a form that it knows cftime leaves out."""
+    """InputError for a reference date that was not read to its end: cftime leaves out what follows a form that it knows."""
     _, since, reference = units.partition(" since ")
     if not since or _REFERENCE.fullmatch(reference.strip()):
         return
-    # Of the standard calendar pandas reads what else there is, but for the names of zones.
+    # In the standard calendar pandas reads all other forms, except names of time zones.
     if dates.dtype.kind == "M" and not re.match(r"0*1-\d|.*[A-Za-z]{2,}$", reference.strip()):
         return
     raise InputError(

@@ -21,6 +21,7 @@ from floebmi.bonds import (
 )
 from floebmi.errors import InputError
 from floebmi.geometry import lens
+from floebmi.kept_code import is_ours
 from floebmi.kernels import dispatched, has_code, inner
 from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFraction
 
@@ -185,7 +186,7 @@ def check_contact(contact: Contact | None) -> None:
             f"Contact.elastic = {contact.elastic!r}: must be of the kind Elastic; steps, bonds, walls and the books of energy "
             "are those of its linear spring"
         )
-    check_code("Contact", contact)
+    _check_code("Contact", contact)
     if contact.bonds is None:
         return
     strength, healing, beam = (
@@ -205,16 +206,16 @@ def check_contact(contact: Contact | None) -> None:
         )
 
 
-def check_code(place: str, law: tuple) -> None:
+def _check_code(place: str, law: tuple) -> None:
     """Refuse a part that somebody added and registered no code for: that of the law whose place it takes would run."""
     for name, part in law._asdict().items():
         if hasattr(part, "_asdict"):
             kind = type(part)
-            if not kind.__module__.startswith("floebmi.") and not has_code(kind):
+            if not (is_ours(kind) or has_code(kind)):
                 raise InputError(
                     f"{place}.{name} = {part!r}: no code is registered for a {kind.__name__}"
                 )
-            check_code(kind.__name__, part)
+            _check_code(kind.__name__, part)
 
 
 def turns(contact: Contact | None) -> bool:

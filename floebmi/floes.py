@@ -296,6 +296,22 @@ class Floes:
         """Floes with the same numbers and values that share nothing with these."""
         return self._some(slice(None))
 
+    def columns(self) -> dict[str, np.ndarray]:
+        """A copy of each property, by name."""
+        return {name: getattr(self, name).copy() for name in self._columns}
+
+    @classmethod
+    def of_columns(cls, columns: Mapping[str, np.ndarray]) -> "Floes":
+        """Floes with such properties as `columns` gives; InputError as `Floes`."""
+        own = [name for name in _OWN_TYPES if name in columns]
+        given = {name: values for name, values in columns.items() if name not in ("active", *own)}
+        floes = cls(**given, rotation="angle" in columns)
+        floes.active[:] = columns["active"].astype(bool)
+        for name in own:
+            floes.allow_own(name)
+            setattr(floes, name, columns[name])
+        return floes
+
     def _some(self, rows: slice | np.ndarray) -> "Floes":
         floes = Floes.__new__(Floes)
         floes._columns = {name: getattr(self, name)[rows].copy() for name in self._columns}

@@ -4,17 +4,32 @@ Whoever drives the ice (a host, a file, a constant) writes into these arrays; `M
 books what their drag gave to the floes, with the opposite sign, in the cells that it was read from.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from floebmi.arrays import all_finite
 from floebmi.errors import InputError, in_line
-from floebmi.forces import FLUID_U, FLUID_V, RATE, X, Y, lanes
+from floebmi.forces import (
+    FLUID_U,
+    FLUID_V,
+    HALF_CURL,
+    RATE,
+    READS,
+    SPIN_RATE,
+    AirDrag,
+    Force,
+    OceanDrag,
+    X,
+    Y,
+    lanes,
+)
 from floebmi.grid import Grid
-from floebmi.gridding import sizes_of_drag
+from floebmi.gridding import give_back, sizes_of_drag
+from floebmi.kernels import BLOCK
 from floebmi.quantities import flat, is_number, unmasked
+from floebmi.sampling import Weights, gather_each, without_cell
 from floebmi.vorticity import Vorticity
 
 FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
@@ -145,3 +160,92 @@ class Fluid:
         curl = self._curl(self.u, self.v)
         curl *= 0.5
         return curl
+
+
+# ---- between fluids and forces -----------------------------------------------------------------
+
+
+def fluids_for(forces: Sequence[Force], grid: Grid, atmosphere_grid: Grid) -> dict[str, Fluid]:
+    """The fluids that forces read, "ocean" and "atmosphere", at rest."""
+    read: dict[str, list[str]] = {}
+    for force in forces:
+        if type(force) in READS:
+            name, fields = READS[type(force)]
+            read.setdefault(name, []).extend(fields)
+    fluids = {}
+    if "ocean" in read:
+        fluids["ocean"] = Fluid(grid, read["ocean"], ocean=True)
+    if "atmosphere" in read:
+        fluids["atmosphere"] = Fluid(atmosphere_grid, read["atmosphere"])
+    return fluids
+
+
+def fluid_of(force: Force, fluids: Mapping[str, Fluid]) -> Fluid | None:
+    """The fluid that a force reads."""
+    name, _ = READS.get(type(force), ("", {}))
+    return fluids.get(name)
+
+
+def sample(
+    forces: Sequence[Force],
+    tables: Sequence[np.ndarray],
+    fluids: Mapping[str, Fluid],
+    weights_on: Callable[[Grid], Weights],
+    order: np.ndarray,
+    rotation: bool,
+) -> dict[Grid, Weights]:
+    """Let each force read what it needs at the floes; returns the weights that it was read with, by grid.
+
+    tables : of each force, by block, of the floes of these numbers; rotation : whether floes rotate
+    """
+    weights: dict[Grid, Weights] = {}
+    nowhere: dict[Grid, tuple[np.ndarray, ...]] = {}  # block, lane of floes without a wet cell
+    reads: dict[Grid, list[tuple[np.ndarray, np.ndarray]]] = {}  # fields, and where they go
+    for force, at in zip(forces, tables, strict=True):
+        fluid = fluid_of(force, fluids)
+        if fluid is None:
+            continue
+        grid = fluid.grid
+        if grid not in weights:
+            weights[grid], reads[grid] = weights_on(grid), []
+            dry = without_cell(weights[grid])
+            dry = np.flatnonzero(dry[order]) if dry.any() else np.empty(0, np.int64)
+            nowhere[grid] = np.divmod(dry, BLOCK)
+        _, fields = READS[type(force)]
+        reads[grid] += [(fluid.fields[name], lanes(at, row)) for name, row in fields.items()]
+        if not isinstance(force, OceanDrag | AirDrag):
+            continue
+        lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
+        if rotation:
+            reads[grid] += [(fluid.half_curl(), lanes(at, HALF_CURL))]
+            lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
+    for grid, each in reads.items():
+        gather_each(weights[grid], order, *zip(*each, strict=True))
+    return weights
+
+
+def impulses_of_drag(
+    forces: Sequence[Force],
+    tables: Sequence[np.ndarray],
+    fluids: Mapping[str, Fluid],
+    weights: Mapping[Grid, Weights],
+    order: np.ndarray,
+) -> list[tuple]:
+    """What drag gave to the floes, ready for `give_impulses_back`; the parameters as for `sample`.
+
+    For each grid its weights with the order of floes, and of each fluid on it the impulses and where they go.
+    """
+    by_grid: dict[Grid, list[tuple[np.ndarray, ...]]] = {}
+    for force, at in zip(forces, tables, strict=True):
+        if isinstance(force, OceanDrag | AirDrag):
+            f = fluid_of(force, fluids)
+            by_grid.setdefault(f.grid, []).append((
+                lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
+            ))  # fmt: skip
+    return [((*weights[grid][:-1], order), tuple(each)) for grid, each in by_grid.items()]
+
+
+def give_impulses_back(impulses: list[tuple]) -> None:
+    """The fluids get the opposite of the impulse that their drag gave."""
+    for weights, each in impulses:
+        give_back(*weights, each)

@@ -23,19 +23,21 @@ from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
 from floebmi.errors import InputError, check_text, check_word, in_line
-from floebmi.fields import Box, Field, Wanted, field, find, open_files, velocity_factor
+from floebmi.factors import velocity_factor
+from floebmi.fields import Box, Field, Wanted, field, find
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, find_mask
+from floebmi.opening import open_files
 from floebmi.places import Net, Position
 from floebmi.quantities import is_number, unmasked
 from floebmi.remap import FillLand, around_cells, interpolate
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
-    from floebmi.fields import Source
+    from floebmi.opening import Source
 
 Velocity = Callable[[np.ndarray, np.ndarray, float], "np.ndarray | float"]
-Kind = Literal["ocean", "wind"]
+Medium = Literal["ocean", "wind"]
 Vectors = Literal["auto", "east-north", "grid"]
 
 # Components along east and north, or along the source's own axes; None: the name does not tell.
@@ -90,7 +92,7 @@ _WRONG_ANGLE = 0.1
 
 
 __all__ = [
-    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Kind", "Vectors",
+    "Constant", "Function", "VelocityFile", "VelocitySource", "FillLand", "Medium", "Vectors",
 ]  # fmt: skip
 
 
@@ -238,7 +240,7 @@ class VelocityFile:
         path: Source,
         grid: Grid,
         *,
-        kind: Kind = "ocean",
+        kind: Medium = "ocean",
         projection: str | None = None,
         variables: Sequence[str] | None = None,
         start: Date | None = None,
@@ -254,7 +256,7 @@ class VelocityFile:
         beyond_span: BeyondSpan = "error",
         calendar: Calendar | None = None,
     ) -> None:
-        check_word("kind", kind, get_args(Kind))
+        check_word("kind", kind, get_args(Medium))
         check_word("vectors", vectors, get_args(Vectors))
         check_word("stagger", stagger, get_args(Stagger))
         check_text("units", units)

@@ -23,7 +23,7 @@ from floebmi.errors import InputError, in_line
 from floebmi.kernels import jit
 from floebmi.quantities import FARTHEST, is_number, two_numbers, unmasked
 
-Kind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
+GridKind = Literal["uniform_rectilinear", "rectilinear", "curvilinear", "unstructured"]
 
 MOST_CELLS = 2**31 - 1  # numbers of cells are int32
 FLAT = 1e-12  # a cell whose area is below this times its diameter squared has no inside
@@ -152,7 +152,7 @@ class Grid:
     x_edges, y_edges : (nx + 1,), (ny + 1,) [m] on rectilinear grids, None on the others
     """
 
-    kind: Kind
+    kind: GridKind
     shape: tuple[int, ...]
     x: np.ndarray
     y: np.ndarray
@@ -274,7 +274,7 @@ class Grid:
 
     @classmethod
     def _from_edges(
-        cls, kind: Kind, x_edges: np.ndarray, y_edges: np.ndarray, wet: np.ndarray | None
+        cls, kind: GridKind, x_edges: np.ndarray, y_edges: np.ndarray, wet: np.ndarray | None
     ) -> Grid:
         nx, ny = x_edges.size - 1, y_edges.size - 1
         y, x = np.meshgrid(_middles(y_edges), _middles(x_edges), indexing="ij")
@@ -297,7 +297,7 @@ class Grid:
     @classmethod
     def _from_faces(
         cls,
-        kind: Kind,
+        kind: GridKind,
         shape: tuple[int, ...],
         node_x: np.ndarray,
         node_y: np.ndarray,

@@ -11,34 +11,20 @@ import numpy as np
 
 from floebmi.dynamics import Lists
 from floebmi.floes import Floes
-from floebmi.pack import Packed, Stiffest, Survey, remembered
-from floebmi.pairs import PairList
+from floebmi.listing import Listed
+from floebmi.pack import Packed
+from floebmi.stable_step import Stiffest
+from floebmi.survey import Survey
 
 # What decides which floes are listed as neighbours; the step depends on the thickness as well.
 DECISIVE = "x", "y", "radius", "active", "motion", "tensile_strength"
 
 
-class Memory(NamedTuple):
-    """What pairs remember, in the slots of a list or of a restart file.
-
-    pairs : never changed in place; number : of the floe of each row
-    """
-
-    pairs: PairList
-    number: np.ndarray
-
-    def by_number(self, floes: int) -> PairList:
-        """The pairs that remember anything, in an order that depends on nothing but the numbers of the floes."""
-        return remembered(self.pairs, self.number, floes)
-
-
 class Kept(NamedTuple):
     """A list of neighbours that the next exchange goes on with; its memory is `State.memory`.
 
-    x, y : where its floes were when it was made, in its order, from the domain's origin (m,) [m]
-    walls : where the walls were (w,) [m]
-    lists : its tiles, and room for short lists; wall_floe, wall_number : see `dynamics.Walls`
-    skin, closing : see `Advance` [m]
+    listed : where and how widely it was made
+    lists : its tiles, and room for short lists
     room, travelled : how far floes may stray until it is stale, and how far they have [m]
     stiffest : what sets the step meanwhile, if that is known
     floes : as the exchange left them
@@ -47,14 +33,8 @@ class Kept(NamedTuple):
     survey : their largest speed, kinetic energy …, if that is known
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    walls: np.ndarray
+    listed: Listed
     lists: Lists
-    wall_floe: np.ndarray
-    wall_number: np.ndarray
-    skin: float
-    closing: float
     room: float
     travelled: float
     stiffest: Stiffest | None
@@ -91,4 +71,4 @@ def marks(kept: Kept | None, number: np.ndarray) -> Marks:
     if kept is None:
         return Marks(np.zeros(0, np.int64), *np.zeros((5, 0)))
     way = np.array([kept.room, kept.travelled])
-    return Marks(number, kept.x, kept.y, kept.walls, way, np.array(kept.stiffest or (), float))
+    return Marks(number, *kept.listed[:3], way, np.array(kept.stiffest or (), float))

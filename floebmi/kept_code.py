@@ -41,7 +41,7 @@ def _folder() -> Path:
 FOLDER = _folder()
 
 
-class _Place:
+class _Locator:
     """Where the code of a function is kept, as numba asks for it: in FOLDER, be it writable or not.
 
     Left to itself, numba takes a folder beside the source instead of one that it cannot write to; nothing there tells
@@ -76,8 +76,8 @@ def _stamp(file: Path) -> str:
     return _short(file.read_bytes())
 
 
-class _Places(CompileResultCacheImpl):
-    _locator_classes = [_Place, *CompileResultCacheImpl._locator_classes]
+class _CacheImpl(CompileResultCacheImpl):
+    _locator_classes = [_Locator, *CompileResultCacheImpl._locator_classes]
 
 
 class _Files(IndexDataCacheFile):
@@ -92,16 +92,16 @@ class _Files(IndexDataCacheFile):
 class Cache(FunctionCache):
     """numba's, but a full disk, a folder that is not writable, or a damaged file costs time and no more."""
 
-    _impl_class = _Places
+    _impl_class = _CacheImpl
     _told = False  # that code cannot be kept: once is enough
 
     def __init__(self, function: Callable, apart: str = "") -> None:
         super().__init__(function)
-        place = self._impl.locator
-        place.apart = self._apart = apart
-        self._cache_path = place.get_cache_path()
+        locator = self._impl.locator
+        locator.apart = self._apart = apart
+        self._cache_path = locator.get_cache_path()
         self._cache_file = _Files(
-            self._cache_path, self._impl.filename_base, place.get_source_stamp()
+            self._cache_path, self._impl.filename_base, locator.get_source_stamp()
         )
 
     def _of(self, sig: Any) -> "Cache":
@@ -147,9 +147,11 @@ def _apart(sig: Any) -> str:
     return _short(repr(code).encode()) if code else ""
 
 
-def is_ours(function: FunctionType) -> bool:
-    """Whether a function is of this package, whose sources FOLDER is named after."""
-    return PACKAGE in Path(function.__code__.co_filename).parents
+def is_ours(code: FunctionType | type) -> bool:
+    """Whether a function, or a kind of law, is of this package, whose sources FOLDER is named after."""
+    if isinstance(code, FunctionType):
+        return PACKAGE in Path(code.__code__.co_filename).parents
+    return code.__module__.startswith("floebmi.")
 
 
 def digest_of(function: FunctionType) -> str:

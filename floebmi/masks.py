@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.errors import InputError, check_text, choose
-from floebmi.fields import Box, File, is_percent, refuse_other_points, with_same_points
+from floebmi.factors import is_percent
+from floebmi.fields import Box, File, refuse_other_points, with_same_points
 
 _STANDARD = {
     "sea_binary_mask": 1.0, "sea_area_fraction": 1.0,

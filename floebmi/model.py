@@ -14,18 +14,18 @@ What the scene does not list does not exist: a model without a wind has no `atmo
 friction has no angles.
 """
 
-import json
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from numbers import Integral
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from floebmi import __version__
 from floebmi.advance import Advance, draw_own
-from floebmi.agreement import named, of_grid, refuse_other, refuse_other_coast
+from floebmi.agreement import refuse_other_coast, refuse_unlike, scene_of
 from floebmi.alone import alone, free, refuse_another
 from floebmi.boundaries import (
     Domain,
@@ -33,118 +33,100 @@ from floebmi.boundaries import (
     Inflow,
     Wall,
     build_walls,
-    check_domain,
     check_reach,
     check_way_in,
     edge_of,
-    over_walls,
-    walls_of_state,
 )
 from floebmi.budgets import Ledger
-from floebmi.contact import Contact, check_contact, memories, own, prepare, turns
+from floebmi.contact import Contact, memories, own, turns
 from floebmi.dynamics import Step, usual_fraction
 from floebmi.errors import InputError, StabilityError, check_word, in_line
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
-from floebmi.fluid import Fluid
+from floebmi.fluid import fluid_of, fluids_for, give_impulses_back, impulses_of_drag, sample
 from floebmi.forces import (
     ACCOUNTS,
-    HALF_CURL,
-    RATE,
-    READS,
-    SPIN_RATE,
     AirDrag,
-    Coriolis,
     Force,
     OceanDrag,
-    X,
-    Y,
-    acceleration,
     at_floes,
     bulk_coefficient,
     by_block,
     given,
-    lanes,
 )
 from floebmi.grid import Grid, check_grid
 from floebmi.gridding import (
     cell_fields,
     divergence,
-    give_back,
     internal_stress,
     maximum_shear,
     per_area,
     pressure,
 )
-from floebmi.kept import Kept, Marks, Memory, marks
-from floebmi.kernels import BLOCK
-from floebmi.overlaps import overlapping
-from floebmi.pack import Contacts, look
+from floebmi.kept import marks
+from floebmi.listing import Memory
+from floebmi.overlaps import refuse_over_walls, refuse_overlaps
 from floebmi.pairs import PairList
-from floebmi.quantities import (
-    check,
-    check_flag,
-    check_table,
-    is_number,
-    words,
+from floebmi.parts import (
+    check_kinds,
+    check_laws,
+    check_numbers,
+    listed_forces,
+    refuse_strangers,
 )
+from floebmi.quantities import as_python, check, check_flag, check_table, is_number
 from floebmi.sampling import (
     Coverage,
     Weights,
     check_images,
     coverage,
     floe_weights,
-    gather_each,
     shares,
-    without_cell,
 )
 from floebmi.state import Counters, Seconds, State
+from floebmi.survey import Contacts
 from floebmi.variables import PER_ICE_AREA
 
 Out = Mapping[str, np.ndarray] | None
-OVERLAP_ALLOWED = 0.1  # of the smaller radius, at the start
-SIZES_OF_DRAG = "ocean_stress_magnitude", "ocean_drag_coefficient"
 RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
-UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi does not have
 STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
-
-
-def _check_kinds(
-    floes: object,
-    grid: object,
-    walls: object,
-    inflow: object,
-    step: object,
-    atmosphere_grid: object,
-) -> None:
-    """InputError for a part of a model that is of another kind, such as one that stands in another's place."""
-    for name, part, kind in (("floes", floes, Floes), ("step", step, Step)):
-        if not isinstance(part, kind):
-            raise InputError(f"{name} = {part!r}: must be of the kind {kind.__name__}")
-    for name, part in (("grid", grid), ("atmosphere_grid", atmosphere_grid)):
-        if not isinstance(part, Grid | None):
-            raise InputError(f"{name} = {part!r}: must be a Grid, or None")
-    for name, parts, kind in (("walls", walls, Wall), ("inflow", inflow, Inflow)):
-        several = [parts] if name == "inflow" and isinstance(parts, kind) else parts
-        if not isinstance(several, Sequence) or not all(isinstance(p, kind) for p in several):
-            raise InputError(f"{name} = {parts!r}: must be a list of {kind.__name__}")
 
 
 class _Seen:
     """What was found out about the floes as they are at one moment; each thing once.
 
     floes : a copy of them then, to know whether they are still so
-    list : the floes packed, with their neighbours and contact forces
+    advance : the floes packed, with their neighbours and contact forces
     contacts : the pairs that push or hold each other
-    areas, weights : by grid
     """
 
-    def __init__(self, floes: Floes) -> None:
-        self.floes = floes
-        self.list: Advance | None = None
+    def __init__(
+        self, floes: Floes, period: tuple[float | None, float | None], sampling: str
+    ) -> None:
+        self.floes, self._period, self._sampling = floes, period, sampling
+        self.advance: Advance | None = None
         self.contacts: Contacts | None = None
-        self.areas: dict[Grid, Coverage] = {}
-        self.weights: dict[Grid, Weights] = {}
+        self._coverage: dict[Grid, Coverage] = {}
+        self._weights: dict[Grid, Weights] = {}
+
+    def coverage(self, grid: Grid) -> Coverage:
+        """Exact areas of the floes in the cells of a grid; land has none."""
+        f = self.floes
+        if grid not in self._coverage:
+            ice = f.active & ~f.land
+            self._coverage[grid] = coverage(grid, f.x, f.y, f.radius, self._period, of=ice)
+        return self._coverage[grid]
+
+    def weights(self, grid: Grid) -> Weights:
+        """Floe-grid weights on a grid."""
+        f = self.floes
+        if grid not in self._weights:
+            if self._sampling == "overlap":
+                weights = shares(self.coverage(grid), grid.wet)
+            else:
+                weights = floe_weights(grid, f.x, f.y, f.radius, self._sampling, self._period)
+            self._weights[grid] = weights
+        return self._weights[grid]
 
 
 class Model:
@@ -199,28 +181,25 @@ class Model:
         atmosphere_grid: Grid | None = None,
         threads: int = 1,
     ) -> None:
-        check_domain(domain)
-        _check_kinds(floes, grid, walls, inflow, step, atmosphere_grid)
-        self.domain, self.floes, self.contact = domain, floes, contact
-        if not np.iterable(forces):
-            raise InputError(f"forces = {forces!r}: must be a list of forces, as [OceanDrag()]")
-        self.forces = tuple(forces)
+        check_kinds(domain, floes, grid, walls, inflow, step, atmosphere_grid)
+        forces = listed_forces(forces)
+        check_laws(forces, contact, sampling, step)
+        check_numbers(ice_density, draft_fraction, seed, threads)
+        check_flag("rotation", rotation)
+        self.domain, self.floes, self.contact, self.forces = domain, floes, contact, forces
         self.step, self.sampling = step, sampling
         self.walls = tuple(walls)
         self.inflow = (inflow,) if isinstance(inflow, Inflow) else tuple(inflow)
-        self.ice_density, self.draft_fraction = ice_density, draft_fraction
+        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
         self.seed, self.threads = seed, threads
         self.time = 0.0
-        self._check_laws()
-        check_flag("rotation", rotation)
-        self.ice_density, self.draft_fraction = float(ice_density), float(draft_fraction)
         if step.fraction is None:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
         if rotation or turns(contact):
             floes.allow_rotation()
         # not the numbers that a pack of the same seed was drawn from: new floes would have its radii
         rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(0,))))
-        self._refuse_strangers()
+        refuse_strangers(floes, contact)
         for name in own(contact):
             floes.allow_own(name)
         draw_own(floes, contact, rng)
@@ -229,39 +208,28 @@ class Model:
         floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
         self._make_fluids(atmosphere_grid or self.grid)
-        # the floes as they were when nobody had put them onto each other; None where that is not known
-        self._accepted: Floes | None = None
         self._state = self._first_state(rng)
-        self._refuse_over_walls("at the start")
+        refuse_over_walls(self._state.walls, floes, domain, "at the start")
         self._last_duration = 0.0
         self._warned_of_lag = False
-        self._seen = _Seen(floes.copy())
+        self._seen = self._see(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
-        self._accepted = self._seen.floes
-        self._scene = self._must_agree()
+        # the floes as they were when nobody had put them onto each other; None where that is not known
+        self._accepted: Floes | None = self._seen.floes
+        self._scene = scene_of(self)
         self._tables = self._allocate()  # of the forces at all floes
         self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
         self._state.ledger.open(now.stock())
         # floes that touch are frozen together from the start, where bonds are listed
         self._state.memory = now.memory()
-        self._seen.list = None
+        self._seen.advance = None
         self._built = True
 
     def _make_fluids(self, atmosphere_grid: Grid) -> None:
         """The fluids that the forces read, at rest."""
-        read: dict[str, list[str]] = {}
-        for force in self.forces:
-            if type(force) in READS:
-                name, fields = READS[type(force)]
-                read.setdefault(name, []).extend(fields)
-        self.ocean = self.atmosphere = None
-        if "ocean" in read:
-            self.ocean = Fluid(self.grid, read["ocean"], ocean=True)
-        if "atmosphere" in read:
-            self.atmosphere = Fluid(atmosphere_grid, read["atmosphere"])
-        fluids = {"ocean": self.ocean, "atmosphere": self.atmosphere}
-        self._fluids = {name: fluid for name, fluid in fluids.items() if fluid is not None}
+        self._fluids = fluids_for(self.forces, self.grid, atmosphere_grid)
+        self.ocean, self.atmosphere = self._fluids.get("ocean"), self._fluids.get("atmosphere")
         for grid in dict.fromkeys((self.grid, atmosphere_grid)):
             check_images(grid, self.domain.period)
 
@@ -272,10 +240,13 @@ class Model:
         walls = build_walls(domain, self.walls, floes, self.ice_density, modulus)
         if contact is None and len(walls):
             raise InputError("walls and closed edges need a contact law: contact is None")
-        self._refuse_overlaps("at the start")
+        if contact is not None:
+            refuse_overlaps(floes, domain, "at the start")
+        none, start = np.zeros(0, np.uint32), np.zeros(len(floes) + 1, np.int64)
+        nothing = PairList(start, none, none, **{name: np.zeros(0) for name in memories(contact)})
         state = State(
             walls,
-            Memory(self._nothing_remembered(), np.arange(len(floes))),
+            Memory(nothing, np.arange(len(floes))),
             None if self.step.scheme == "verlet" else np.zeros((len(floes), 3)),
             None if domain.origin == (0.0, 0.0) else np.zeros((len(floes), 2)),
             rng,
@@ -301,122 +272,24 @@ class Model:
             raise InputError(f"model.time = {in_line(value)}: must be a finite number [s]")
         super().__setattr__(name, value)
 
-    # ---- checks ------------------------------------------------------------------------------------
-
-    def _check_laws(self) -> None:
-        for force in self.forces:
-            if type(force) not in ACCOUNTS:
-                names = ", ".join(kind.__name__ for kind in ACCOUNTS)
-                raise InputError(f"forces: {force!r} is not a force; allowed: {names}")
-            if type(force) not in acceleration.registry:
-                raise InputError(
-                    f"forces: {force!r} has no acceleration; register one for {type(force).__name__}"
-                )
-        names = [type(force).__name__ for force in self.forces]
-        for name in set(names):
-            if names.count(name) > 1:
-                raise InputError(
-                    f"forces: {name} is listed {names.count(name)} times; list it once"
-                )
-        if "Coriolis" in names and "CoriolisField" in names:
-            raise InputError("forces: Coriolis and CoriolisField exclude each other; list one")
-        if self.contact is not None and not isinstance(self.contact, Contact):
-            raise InputError(
-                f"contact = {self.contact!r}: must be a Contact, as frictional() or cohesive() make"
-            )
-        check(self.forces)
-        check([self.contact])
-        check_contact(self.contact)
-        check_word("sampling", self.sampling, ("overlap", "centre"))
-        check_word("step.scheme", self.step.scheme, ("verlet", "taylor2", "taylor3"))
-        if self.step.epsilon is not None and self.step.length is not None:
-            raise InputError("step.epsilon and step.length exclude each other; give one")
-        check([self.step])
-        if self.step.drag_every > 1 and self.step.scheme != "verlet":
-            raise InputError(
-                f"step.drag_every = {self.step.drag_every}: is of the scheme verlet; "
-                f"{self.step.scheme} has drag in every step: leave it out"
-            )
-        if self.step.drag_every > 1 and not self.forces:
-            raise InputError(
-                f"step.drag_every = {self.step.drag_every}: is of forces other than contacts, and there are none: "
-                "list one, or leave it out"
-            )
-        for name in ("ice_density", "draft_fraction"):
-            value = getattr(self, name)
-            if not (is_number(value) and value > 0):
-                raise InputError(f"{name} = {value!r}: must be greater than 0")
-        if not (isinstance(self.seed, Integral) and self.seed >= 0):
-            raise InputError(f"seed = {self.seed!r}: must be a whole number, at least 0")
-        if not (isinstance(self.threads, Integral) and self.threads >= 1):
-            raise InputError(f"threads = {self.threads!r}: must be a whole number, at least 1")
-        if self.draft_fraction > 1:
-            raise InputError(f"draft_fraction = {self.draft_fraction!r}: must be at most 1")
-
-    def _refuse_strangers(self) -> None:
-        """Floes that have of their own what the law does not spread come from another model."""
-        for name, part in (("friction", "friction"), ("tensile_strength", "bonds")):
-            if getattr(self.floes, name) is not None and name not in own(self.contact):
-                raise InputError(
-                    f"floes.{name}: each floe has its own, but contact.{part} lists no spread; list it, "
-                    "or make new floes"
-                )
-
-    def _refuse_overlaps(self, when: str, allowed: float = OVERLAP_ALLOWED) -> None:
-        """InputError for floes that overlap by more than `allowed` of the smaller radius.
-
-        Once floes are known, what counts is how much more they overlap than those did.
-        """
-        if self.contact is None or not len(self.floes):
-            return
-        worst = overlapping(self.floes, self.domain, allowed)
-        if worst and self._accepted is not None:
-            had = {pair[:2]: pair.share for pair in overlapping(self._accepted, self.domain)}
-            worst = [pair for pair in worst if pair.share - had.get(pair[:2], 0.0) > allowed]
-        if worst:
-            shown = "; ".join(
-                f"floes {pair.i} and {pair.j} by {pair.overlap:.4g} m" for pair in worst[:3]
-            )
-            more = f" and {len(worst) - 3} more pairs" if len(worst) > 3 else ""
-            raise InputError(
-                f"floes overlap {when} by more than {allowed:g} of the smaller radius: "
-                f"{shown}{more}; move them apart, or call floebmi.relax(floes, domain)"
-            )
-
-    def _refuse_over_walls(self, when: str, allowed: float = OVERLAP_ALLOWED) -> None:
-        """The same for floes that reach over walls: those would shoot them off."""
-        walls, origin = self._state.walls, self.domain.origin
-        share = over_walls(walls, self.floes, origin)
-        more = share.copy()
-        if self._accepted is not None:
-            more[: len(self._accepted)] -= over_walls(walls, self._accepted, origin).clip(0.0)
-        if (more > allowed).any():
-            floe, wall = np.unravel_index(np.argmax(more), more.shape)
-            raise InputError(
-                f"{np.count_nonzero((more > allowed).any(axis=1))} floes reach over walls {when} by more than "
-                f"{allowed:g} of their radius, floe {floe} by {share[floe, wall] * self.floes.radius[floe]:.4g} m over "
-                f"the wall in the {self.wall_edges[wall]}, at {self.wall_positions[wall]:g} m; move them, or the wall"
-            )
-
     def _refuse_edits(self) -> None:
         """InputError for floes that somebody made what none may be, or put onto each other or over a wall."""
-        self.floes.check()
-        if self._accepted is None:
-            self._refuse_over_walls("after a restart", 1.0)
+        floes, domain, accepted, walls = self.floes, self.domain, self._accepted, self._state.walls
+        floes.check()
+        if accepted is None:
+            # no more than a run leaves them with
+            refuse_over_walls(walls, floes, domain, "after a restart", allowed=1.0)
             if self.contact is not None and self.contact.failure is None:
-                self._refuse_overlaps("after a restart", 1.0)  # more than a run leaves them with
-        elif not self.floes.same(self._accepted, ("x", "y", "radius", "active")):
-            self._refuse_overlaps("after an edit")
-            self._refuse_over_walls("after an edit")
-
-    def _nothing_remembered(self) -> PairList:
-        none = np.zeros(0, np.uint32)
-        memory = {name: np.zeros(0) for name in memories(self.contact)}
-        return PairList(np.zeros(len(self.floes) + 1, np.int64), none, none, **memory)
+                refuse_overlaps(floes, domain, "after a restart", allowed=1.0)
+        elif not floes.same(accepted, ("x", "y", "radius", "active")):
+            if self.contact is not None:
+                refuse_overlaps(floes, domain, "after an edit", accepted)
+            refuse_over_walls(walls, floes, domain, "after an edit", accepted)
 
     # ---- one exchange ------------------------------------------------------------------------------
 
     def _allocate(self) -> tuple[np.ndarray, ...]:
+        """A table of each force, with what it needs of each floe."""
         f = self.floes
         draft = self.draft_fraction * f.thickness
         return tuple(
@@ -424,33 +297,33 @@ class Model:
             for force in self.forces
         )
 
-    def _look(self) -> _Seen:
+    def _known(self) -> _Seen:
         """What is known about the floes as they are now; forgotten when they change."""
         refuse_another(self, "model")
         draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
         if not self._seen.floes.same(self.floes):
-            self._seen = _Seen(self.floes.copy())
+            self._seen = self._see(self.floes.copy())
         return self._seen
+
+    def _see(self, floes: Floes) -> _Seen:
+        """Nothing known yet about the floes, of which this is a copy."""
+        return _Seen(floes, self.domain.period, self.sampling)
 
     def _now(self, seen: _Seen | None = None) -> Advance:
         """The packed floes with their contact forces, to look at; nothing is counted.
 
-        seen : what `_look` has just returned, so as not to look again; so in the methods below
+        seen : what `_known` has just returned, so as not to compare all floes again
         """
-        seen = seen or self._look()
-        if seen.list is None:
+        seen = seen or self._known()
+        if seen.advance is None:
             self._state.fit(len(self.floes))
             now = self._advance()
-            now.look(self._kept(seen))
-            seen.list = now  # whole: Ctrl-C may come at any time
-        return seen.list
-
-    def _kept(self, seen: _Seen) -> Kept | None:
-        """The list of the last exchange, as far as it holds for the floes as they are now."""
-        kept = self._state.kept
-        return None if kept is None else kept.of(seen.floes)
+            now.look(self._state.kept_for(seen.floes))
+            seen.advance = now  # only when it is whole: Ctrl-C may come at any time
+        return seen.advance
 
     def _advance(self) -> Advance:
+        """The way from here, nothing packed yet."""
         return Advance(
             self.floes, self._state, self.domain, self.contact, self.forces, self.step,
             self.ice_density, self.threads,
@@ -486,12 +359,13 @@ class Model:
 
     def _exchange(self, duration: float) -> None:
         """One exchange with the fluids; all of it or nothing."""
-        self._check_fluids()
-        seen = self._look()
-        known = len(self.floes)
+        for name, fluid in self._fluids.items():
+            fluid.refuse_not_finite(name, self.time)
+        seen = self._known()
+        count = len(self.floes)
         advance, weights = self._ready(seen)
         before = self._state.copy()
-        seen.list = None  # the steps use it up, even if they fail
+        seen.advance = None  # the steps use it up, even if they fail
         try:
             if seen is not self._left:
                 self._book_edits(advance)
@@ -500,25 +374,26 @@ class Model:
             self._book_forces()
             self._state.ledger.now = advance.stock()
             self._check_energy(self.time + duration)
-            if len(self.floes) != known:
+            if len(self.floes) != count:
                 self._tables = self._allocate()
-            left = _Seen(self._state.kept.floes)
+            left = self._see(self._state.kept.floes)
             after = {
                 "_left": left, "_seen": left, "_accepted": left.floes, "time": self.time + duration,
                 "_last_duration": duration,
             }  # fmt: skip
-            impulses, drag = self._impulses(weights, advance.order)
+            impulses = impulses_of_drag(self.forces, self._at, self._fluids, weights, advance.order)
+            drag = self._ocean_drag(weights, advance.order)
         except BaseException:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        # Ctrl-C finds all of an exchange or nothing of it: in compiled code it waits, and no other is left
+        # Ctrl-C finds all of an exchange or nothing of it: it waits for compiled code, and there is little else from here on
         vars(self).update(after)
         if drag is not None:
             self.ocean._drag = drag
-        self._give_back(impulses)
+        give_impulses_back(impulses)
 
-    def _ready(self, seen: _Seen) -> tuple[Advance, dict[int, Weights]]:
+    def _ready(self, seen: _Seen) -> tuple[Advance, dict[Grid, Weights]]:
         """What steps begin with: packed floes, what the forces read at them, and the weights they read it with, by grid."""
         if seen is not self._left:
             self._refuse_edits()
@@ -526,7 +401,10 @@ class Model:
         advance = self._now(seen)
         order = advance.packed.number
         self._at = tuple(by_block(table, order) for table in self._tables)
-        return advance, self._sample(seen, order)
+        weights = sample(
+            self.forces, self._at, self._fluids, seen.weights, order, self.floes.rotation
+        )
+        return advance, weights
 
     def _check_energy(self, time: float) -> None:
         """Stop when much of the energy comes from nowhere: the step does not resolve what happens."""
@@ -563,10 +441,6 @@ class Model:
         if (np.abs(change) > 1e-11 * np.maximum(np.abs(stock), np.abs(ledger.now))).any():
             ledger.book("edits by the user", *change)
 
-    def _check_fluids(self) -> None:
-        for name, fluid in self._fluids.items():
-            fluid.refuse_not_finite(name, self.time)
-
     def coverage(self, grid: Grid | None = None) -> Coverage:
         """Exact areas of the floes in the cells of a grid, now; land has none.
 
@@ -574,64 +448,19 @@ class Model:
         """
         grid = self.grid if grid is None else grid
         check_grid("grid", grid)
-        return self._areas(self._look(), grid)
-
-    def _areas(self, seen: _Seen, grid: Grid) -> Coverage:
-        areas = seen.areas
-        if grid not in areas:
-            f = self.floes
-            ice = f.active & ~f.land
-            areas[grid] = coverage(grid, f.x, f.y, f.radius, self.domain.period, of=ice)
-        return areas[grid]
+        return self._known().coverage(grid)
 
     def weights(self, grid: Grid) -> Weights:
         """Floe-grid weights at the present places, on a grid."""
         check_grid("grid", grid)
-        return self._weights(self._look(), grid)
+        return self._known().weights(grid)
 
-    def _weights(self, seen: _Seen, grid: Grid) -> Weights:
-        weights = seen.weights
-        if grid not in weights:
-            f = self.floes
-            if self.sampling == "overlap":
-                weights[grid] = shares(self._areas(seen, grid), grid.wet)
-            else:
-                weights[grid] = floe_weights(
-                    grid, f.x, f.y, f.radius, self.sampling, self.domain.period
-                )
-        return weights[grid]
-
-    def _sample(self, seen: _Seen, order: np.ndarray) -> dict[int, Weights]:
-        """Let each force read what it needs at the floes; returns the weights it read with, by grid."""
-        weights: dict[int, Weights] = {}
-        nowhere: dict[int, tuple[np.ndarray, ...]] = {}  # block, lane of floes without a wet cell
-        # field and where it goes
-        reads: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    def _ocean_drag(self, weights: dict[Grid, Weights], order: np.ndarray) -> tuple | None:
+        """What the sizes of the ocean's drag in this exchange are computed from, when somebody asks; see `Fluid`."""
         for force, at in zip(self.forces, self._at, strict=True):
-            fluid = self._fluid_of(force)
-            if fluid is None:
-                continue
-            grid = id(fluid.grid)
-            if grid not in weights:
-                weights[grid], reads[grid] = self._weights(seen, fluid.grid), []
-                dry = without_cell(weights[grid])
-                dry = np.flatnonzero(dry[order]) if dry.any() else np.empty(0, np.int64)
-                nowhere[grid] = np.divmod(dry, BLOCK)
-            _, fields = READS[type(force)]
-            reads[grid] += [(fluid.fields[name], lanes(at, row)) for name, row in fields.items()]
-            if not isinstance(force, OceanDrag | AirDrag):
-                continue
-            lanes(at, RATE)[nowhere[grid]] = 0.0  # no water, no drag
-            if self.floes.rotation:
-                reads[grid] += [(fluid.half_curl(), lanes(at, HALF_CURL))]
-                lanes(at, SPIN_RATE)[nowhere[grid]] = 0.0
-        for grid, each in reads.items():
-            gather_each(weights[grid], order, *zip(*each, strict=True))
-        return weights
-
-    def _fluid_of(self, force: Force) -> Fluid | None:
-        name, _ = READS.get(type(force), ("", {}))
-        return self._fluids.get(name)
+            if isinstance(force, OceanDrag):
+                return weights[self.grid], order, at, self._state.kept.floes, self.ice_density
+        return None
 
     def _book_forces(self) -> None:
         """The impulse and the work of each force are an account of the ledger."""
@@ -639,35 +468,6 @@ class Model:
             name = ACCOUNTS[type(force)]
             x, y, work = given(at)
             self._state.ledger.book(name, x=x, y=y, energy=work)
-
-    def _impulses(
-        self, weights: dict[int, Weights], order: np.ndarray
-    ) -> tuple[list[tuple], tuple | None]:
-        """The impulses of drag on floes, for `_give_back`, and what the sizes of the ocean's drag are computed from.
-
-        For each grid its weights with the order of floes, and of each fluid on it the impulses and where they go.
-        """
-        drag = None
-        by_grid: dict[int, list[tuple[np.ndarray, ...]]] = {}
-        for force, at in zip(self.forces, self._at, strict=True):
-            if not isinstance(force, OceanDrag | AirDrag):
-                continue
-            f = self._fluid_of(force)
-            by_grid.setdefault(id(f.grid), []).append((
-                lanes(at, X), lanes(at, Y), f.last_x, f.last_y, f.impulse_x, f.impulse_y, f.undelivered
-            ))  # fmt: skip
-            if isinstance(force, OceanDrag):
-                drag = weights[id(f.grid)], order, at, self._state.kept.floes, self.ice_density
-        impulses = [
-            ((*weights[grid][:-1], order), tuple(fluids)) for grid, fluids in by_grid.items()
-        ]
-        return impulses, drag
-
-    @staticmethod
-    def _give_back(impulses: list[tuple]) -> None:
-        """The fluids get the opposite of the impulse that their drag gave."""
-        for weights, fluids in impulses:
-            give_back(*weights, fluids)
 
     def step_by(self, steps: int) -> None:
         """Advance by a number of the scene's own steps: for tests and teaching.  Raises as `advance` does."""
@@ -715,10 +515,10 @@ class Model:
         if not self.counters.steps:
             raise InputError("seconds_per_step: no step was taken yet; advance the model first")
         with alone(self, "seconds_per_step"):
-            seen = self._look()
+            seen = self._known()
             before = self._state.copy()
             advance, _ = self._ready(seen)
-            seen.list = None  # the steps use it up
+            seen.advance = None  # the steps use it up
             try:
                 return advance.seconds_per_step(self._at, steps, without)
             finally:
@@ -752,24 +552,10 @@ class Model:
 
     def contacts(self) -> Contacts:
         """The pairs that push or hold each other now, and their forces."""
-        seen = self._look()
+        seen = self._known()
         if seen.contacts is None:
-            seen.contacts = self._contacts(self._now())
+            seen.contacts = self._now(seen).contacts()
         return seen.contacts
-
-    def _contacts(self, now: Advance) -> Contacts:
-        p, pairs = now.packed, now.pairs
-        law = None if self.contact is None else prepare(self.contact)
-        touching, rows = look(
-            law, *self.domain.period, p.floes, p.friction, p.tensile_strength,
-            now.lists.near, now.lists.pairs,
-        )  # fmt: skip
-        i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
-        order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
-        values = [column[order] for column in rows.T]
-        values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
-        values[7] = values[7] > 0
-        return Contacts(i[order], j[order], *values)
 
     def fields(self) -> dict[str, np.ndarray]:
         """Gridded output by the short names of `variables.VARIABLES`, flat arrays of shape (grid.size,).
@@ -824,36 +610,30 @@ class Model:
         over = 1.0 / self._last_duration if self._last_duration else 0.0
         fields: dict[str, np.ndarray] = {}
 
-        def per_area_of(grid: Grid, name: str, amount: np.ndarray, over: float) -> None:
+        def write(name: str, grid: Grid, into: Callable[[np.ndarray], object]) -> None:
             if out is None or name in out:
                 fields[name] = np.empty(grid.size) if out is None else out[name]
-                per_area(amount, over, grid.area, fields[name])
-
-        def product(name: str, one: np.ndarray, other: np.ndarray | float) -> None:
-            if out is None:
-                fields[name] = one * other
-            elif name in out:
-                fields[name] = np.multiply(one, other, out=out[name])
+                into(fields[name])
 
         for what, fluid, sign in (("ocean", self.ocean, 1.0), ("air", self.atmosphere, -1.0)):
-            if fluid is None or not (out is None or any(name.startswith(what) for name in out)):
+            if fluid is None:
                 continue
             for name, x, y, time in (
                 (f"{what}_stress", fluid.last_x, fluid.last_y, over),
                 (f"{what}_impulse", fluid.impulse_x, fluid.impulse_y, 1.0),
             ):
-                per_area_of(fluid.grid, name + "_x", x, sign * time)
-                per_area_of(fluid.grid, name + "_y", y, sign * time)
-        if self.ocean is not None:
-            if out is None or any(name in out for name in PER_ICE_AREA):
-                mean = over * self.over_ice_area()
-                for name, last in zip(
-                    PER_ICE_AREA, (self.ocean.last_x, self.ocean.last_y), strict=True
-                ):
-                    product(name, last, mean)
-            if out is None or any(name in out for name in SIZES_OF_DRAG):
-                product("ocean_stress_magnitude", self.ocean.magnitude, over)
-                product("ocean_drag_coefficient", self.ocean.coefficient, 1.0)
+                for axis, amount in (("x", x), ("y", y)):
+                    write(
+                        f"{name}_{axis}", fluid.grid,
+                        partial(per_area, amount, sign * time, fluid.grid.area),
+                    )  # fmt: skip
+        ocean, grid = self.ocean, self.grid
+        if ocean is not None:
+            for name, last in zip(PER_ICE_AREA, (ocean.last_x, ocean.last_y), strict=True):
+                write(name, grid, partial(self._per_ice_area, over, last))
+            sizes = "ocean_stress_magnitude", "ocean_drag_coefficient"
+            write(sizes[0], grid, lambda field: np.multiply(ocean.magnitude, over, out=field))
+            write(sizes[1], grid, lambda field: np.copyto(field, ocean.coefficient))
         return fields
 
     def _check_out(self, out: Out) -> None:
@@ -868,6 +648,9 @@ class Model:
                     f"out[{name!r}] = {in_line(array)}: must be an array of {size} float64, one a cell"
                 )
 
+    def _per_ice_area(self, over: float, amount: np.ndarray, field: np.ndarray) -> None:
+        np.multiply(amount, over * self.over_ice_area(), out=field)
+
     def over_ice_area(self) -> np.ndarray:
         """One over the area of ice in each cell now [m-2], 0 where there is none: (grid.size,)."""
         ice = self.coverage().in_cells
@@ -877,11 +660,9 @@ class Model:
 
     def __getstate__(self) -> dict[str, object]:
         """What a copy or a pickle is made of: of the list of neighbours, whose arrays share memory, its marks."""
-        kept = self._kept(self._look())
-        s = self._state
-        memory = s.memory.by_number(len(self.floes)), np.arange(len(self.floes))
+        kept, s = self._state.kept_for(self._known().floes), self._state
         return vars(self) | {
-            "_state": replace(s, memory=Memory(*memory), kept=None),
+            "_state": replace(s, memory=s.memory.by_number(len(self.floes)), kept=None),
             "_marks": marks(kept, s.memory.number),
             "_seen": None,
             "_left": None,
@@ -891,48 +672,22 @@ class Model:
         vars(self).update(state)
         listed = vars(self).pop("_marks")
         free(self)
-        self._seen = _Seen(self.floes.copy())
-        if len(listed.way):
-            self._advance().list_again(listed)
+        self._seen = self._see(self.floes.copy())
+        self._advance().list_again(listed)
 
     def state(self) -> dict[str, object]:
         """All that a restart needs, as arrays, numbers and text that the model will not change."""
-        kept = self._kept(self._look())
-        s, f = self._state, self.floes
-        memory = s.memory.by_number(len(f))
         state: dict[str, object] = {
             "version": __version__,
             "scene": self._scene,
             "time": self.time,
             "last_duration": self._last_duration,
-            "walls": np.array([list(wall) for wall in s.walls.tolist()]).reshape(
-                -1, len(s.walls.dtype)
-            ),
-            "pair_start": memory.start,
-            "pair_i": memory.i,
-            "pair_j": memory.j,
-            "rng": json.dumps(s.rng.bit_generator.state),
-            "waiting": np.array([np.nan if x.waiting is None else x.waiting for x in s.feeders]),
-            "counters": np.array([float(value) for value in vars(s.counters).values()]),
+            **self._state.saved(self._known().floes),
         }
-        for name in ("x", "y", "u", "v", "radius", "thickness", "motion", "active"):
-            state[f"floes_{name}"] = getattr(f, name).copy()
-        if f.rotation:
-            state["floes_angle"] = f.angle.copy()
-            state["floes_angular_velocity"] = f.angular_velocity.copy()
-        for name in own(self.contact):
-            state[f"floes_{name}"] = getattr(f, name).copy()
-        for name, values in memory.memory().items():
-            state[f"pair_{name}"] = values
-        for name, values in marks(kept, s.memory.number)._asdict().items():
-            state[f"list_{name}"] = values.copy()
-        for name in ("previous", "remainder"):
-            if getattr(s, name) is not None:
-                state[name] = getattr(s, name).copy()
+        state |= {f"floes_{name}": values for name, values in self.floes.columns().items()}
         for what, fluid in self._fluids.items():
-            for name, values in fluid.arrays().items():
-                state[f"{what}_{name}"] = values.copy()
-        return state | s.ledger.state()
+            state |= {f"{what}_{name}": values.copy() for name, values in fluid.arrays().items()}
+        return state
 
     def restore(self, state: dict[str, object]) -> None:
         """Take up the state of a model of the same scene; then it goes on with the same bits.
@@ -951,120 +706,26 @@ class Model:
                 f"state = {in_line(state)}: must be what `state` gives, or a restart file"
             )
         with alone(self, "restore"):
-            branched = self._refuse_unlike(state)
-            saved = walls_of_state(self._state.walls, np.asarray(state["walls"]))
-            floes = self._floes_of(state)
+            branched = refuse_unlike(self.state(), state)
+            names = [name.removeprefix("floes_") for name in state if name.startswith("floes_")]
+            floes = Floes.of_columns({name: np.asarray(state[f"floes_{name}"]) for name in names})
             refuse_other_coast(self.floes, floes, self.domain)
-            self._take_up(state, floes, saved)
+            self._take_up(state, floes)
         if branched:
             warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
 
-    def _refuse_unlike(self, state: dict[str, object]) -> list[str]:
-        """InputError for a state of another scene or of a floebmi too old; numbers of laws that are others, in words."""
-        expected, branched = set(self.state()), []
-        if "scene" in state:
-            branched = refuse_other(json.loads(self._scene), json.loads(str(state["scene"])))
-        else:  # of an older floebmi
-            expected.remove("scene")
-        if expected - set(state) == {f"list_{name}" for name in Marks._fields}:
-            raise InputError(
-                "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
-                "run the scene again from its start"
-            )
-        if set(state) != expected:
-            odd = ", ".join(sorted(set(state) ^ expected))
-            raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")
-        for what, fluid in self._fluids.items():
-            if np.size(state[f"{what}_u"]) != fluid.grid.size:
-                raise InputError(
-                    f"restart: {what} has {np.size(state[f'{what}_u'])} cells, the scene's grid "
-                    f"{fluid.grid.size}; must be the same grid"
-                )
-        walls = self._state.walls
-        if np.size(state["walls"]) != len(walls) * len(walls.dtype):
-            raise InputError(
-                "restart: number of walls differs from the scene's, or an older floebmi wrote it"
-            )
-        have, need = np.size(state["counters"]), len(vars(self._state.counters))
-        if have not in (need, need - UNCOUNTED):
-            raise InputError(
-                f"restart: counters: {have} of them; must be {need}, or {need - UNCOUNTED} of an older floebmi"
-            )
-        return branched
-
-    def _floes_of(self, state: dict[str, object]) -> Floes:
-        """The floes of a state; InputError if they cannot be."""
-
-        def of_floes(name: str) -> np.ndarray:
-            return np.asarray(state[f"floes_{name}"])
-
-        names = ["x", "y", "radius", "thickness", "u", "v"]
-        rotation = {}
-        if self.floes.rotation:
-            rotation = {name: of_floes(name) for name in ("angle", "angular_velocity")}
-        floes = Floes(
-            *(of_floes(name) for name in names),
-            motion=of_floes("motion"),
-            rotation=self.floes.rotation,
-            **rotation,
-        )
-        floes.active[:] = of_floes("active").astype(bool)
-        for name in own(self.contact):
-            floes.allow_own(name)
-            setattr(floes, name, of_floes(name))
-        return floes
-
-    def _take_up(self, state: dict[str, object], floes: Floes, walls: np.ndarray) -> None:
-        """Go on from a state that fits, with its floes and its walls."""
-        s = self._state
+    def _take_up(self, state: Mapping[str, Any], floes: Floes) -> None:
+        """Go on from a state that fits, with its floes."""
         if not floes.same(self.floes):  # else these very floes are put back, and stay accepted
             self._accepted = None
         self.floes.go_back(floes)  # who holds them holds those of the model still
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
-        self._left, self._seen = None, _Seen(floes.copy())
-        s.walls[:] = walls
-        pairs = PairList(
-            np.asarray(state["pair_start"], np.int64),
-            np.asarray(state["pair_i"], np.uint32),
-            np.asarray(state["pair_j"], np.uint32),
-            **{name: np.asarray(state[f"pair_{name}"], float) for name in memories(self.contact)},
-        )
-        s.memory, s.kept = Memory(pairs, np.arange(len(floes))), None
-        for name, columns in (("previous", 3), ("remainder", 2)):
-            if getattr(s, name) is not None:
-                setattr(s, name, np.array(state[name], float).reshape(-1, columns))
-        s.rng.bit_generator.state = json.loads(str(state["rng"]))
-        for feeder, waiting in zip(s.feeders, np.atleast_1d(state["waiting"]), strict=True):
-            feeder.waiting = None if np.isnan(waiting) else float(waiting)
-        # what an older floebmi did not count goes on from 0
-        counted = np.zeros(len(vars(s.counters)))
-        counted[: np.size(state["counters"])] = np.ravel(state["counters"])
-        for name, value in zip(vars(s.counters), counted, strict=True):
-            setattr(s.counters, name, type(getattr(s.counters, name))(value))
-        s.ledger.restore(state)
+        self._left, self._seen = None, self._see(floes.copy())
         for what, fluid in self._fluids.items():
             for name, values in fluid.arrays().items():
                 values[:] = state[f"{what}_{name}"]
-        listed = Marks(*(np.array(state[f"list_{name}"]) for name in Marks._fields))
-        if len(listed.way):
-            self._advance().list_again(listed)
-
-    def _must_agree(self) -> str:
-        """What this model has in common with those whose state it takes up, as JSON."""
-        rows = [*named("domain", self.domain), *of_grid("grid", self.grid)]
-        if self.atmosphere is not None:
-            rows += of_grid("atmosphere.grid", self.atmosphere.grid)
-        rows += named("contact", self.contact)
-        for force in self.forces:
-            if isinstance(force, Coriolis):
-                rows += named("coriolis", force)
-        rows.append(("ice.density", self.ice_density))
-        for k, wall in enumerate(self.walls):
-            rows += named(f"walls.{k}", wall)
-        for k, inflow in enumerate(self.inflow):
-            rows += [(f"inflow.{k}.edge", inflow.edge), *named(f"inflow.{k}.sizes", inflow.sizes)]
-        return json.dumps(dict(rows))
+        self._advance().list_again(self._state.restore(state))
 
     # ---- in words ----------------------------------------------------------------------------------
 
@@ -1101,10 +762,10 @@ class Model:
             f"├─ contact:{' none (free drift)' if self.contact is None else ''}",
         ]
         if self.contact is not None:
-            lines += [f"│  ├─ {words(part)}" for part in self.contact if part is not None]
+            lines += [f"│  ├─ {as_python(part)}" for part in self.contact if part is not None]
         lines.append(f"├─ forces:{'' if self.forces else ' none'}")
         for force in self.forces:
-            fluid = self._fluid_of(force)
+            fluid = fluid_of(force, self._fluids)
             lines.append(f"│  ├─ {force!r}" + (f" on {fluid.grid!r}" if fluid else ""))
             if isinstance(force, OceanDrag | AirDrag):
                 low, high = self.bulk_range(force)

@@ -8,8 +8,7 @@ the run goes on, HDF5 locks the file: set HDF5_USE_FILE_LOCKING=FALSE to look at
 
 Stress in a file is the mean since the last frame, by the difference of the running impulse, so Σ τ A Δt
 over the frames is the impulse, whatever the frames and the exchange intervals are; per ice area, the same over the area
-of ice at the frame's time.  What a single
-instant has, is that of the frame's time; `cell_methods` tells which is which.
+of ice at the frame's time.  All else is of the instant of the frame; `cell_methods` tells which is which.
 
 All numbers are stored as float64.  Missing values are NaN: dry cells, properties of ice where there is no
 ice, floes that have left or have not yet come.
@@ -30,7 +29,7 @@ import floebmi
 from floebmi.cf import (
     FLAGS,
     GEOGRAPHIC,
-    Place,
+    GridInFile,
     define_grid,
     define_land,
     define_ledger,
@@ -62,9 +61,23 @@ RESTART_VERSION = 1
 
 
 class _GrowingFile:
-    """A NetCDF file that is whole after its first frame and after each further one."""
+    """A NetCDF file that is whole after its first frame and after each further one.
 
-    def __init__(self, path: str | Path, model: "Model", overwrite: bool) -> None:
+    kind : "gridded" or "trajectories"; the others as for `GriddedWriter`
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        model: "Model",
+        kind: str,
+        attributes: Mapping[str, Any] | None,
+        reference: str | None,
+        calendar: str,
+        projection: str | None,
+        land: Sequence[np.ndarray],
+        overwrite: bool,
+    ) -> None:
         if not hasattr(model, "ledger"):
             raise InputError(f"model = {in_line(model)}: must be a Model")
         check_flag("overwrite", overwrite)
@@ -74,6 +87,10 @@ class _GrowingFile:
         self._last = -np.inf
         self._closed = False
         check_target(self.path, overwrite)
+        self._clock = time_attributes(reference, calendar)
+        self._projection = None if projection is None else check_projection(projection)
+        self._land = land_geometry(land, model.domain)
+        self._attributes = _global_attributes(model, attributes, kind)
 
     def close(self) -> None:
         """Close the file; nothing can be written afterwards."""
@@ -159,11 +176,9 @@ class GriddedWriter(_GrowingFile):
         names: Sequence[str] | None = None,
         overwrite: bool = False,
     ) -> None:
-        super().__init__(path, model, overwrite)
-        self._clock = time_attributes(reference, calendar)
-        self._projection = None if projection is None else check_projection(projection)
-        self._land = land_geometry(land, model.domain)
-        self._attributes = _global_attributes(model, attributes, "gridded")
+        super().__init__(
+            path, model, "gridded", attributes, reference, calendar, projection, land, overwrite
+        )  # fmt: skip
         self._rows = _rows_of(model, names)
         self._before = model.time, _impulses(model)
 
@@ -202,21 +217,21 @@ class GriddedWriter(_GrowingFile):
         define_ledger(data)
         define_projection(data, self._projection)
         define_land(data, self._land, self._projection)
-        places: dict[int, Place] = {}
+        grids: dict[int, GridInFile] = {}
         for row in self._rows:
             grid = _grid_of(model, row)
-            if id(grid) not in places:
+            if id(grid) not in grids:
                 suffix = "" if grid is model.grid else f"_{row.grid}"
-                places[id(grid)] = define_grid(data, grid, suffix, self._projection)
-            place = places[id(grid)]
+                grids[id(grid)] = define_grid(data, grid, suffix, self._projection)
+            in_file = grids[id(grid)]
             variable = data.createVariable(
                 row.file_name,
                 "f8",
-                ("time", *place.dimensions),
+                ("time", *in_file.dimensions),
                 fill_value=np.nan,
-                **storage(place.grid.size, place.grid.shape),
+                **storage(grid.size, grid.shape),
             )
-            variable.setncatts({**describe(row), **place.attributes})
+            variable.setncatts({**describe(row), **in_file.attributes})
 
 
 @final
@@ -254,11 +269,9 @@ class TrajectoryWriter(_GrowingFile):
         contacts: bool = True,
         overwrite: bool = False,
     ) -> None:
-        super().__init__(path, model, overwrite)
-        self._clock = time_attributes(reference, calendar)
-        self._projection = None if projection is None else check_projection(projection)
-        self._land = land_geometry(land, model.domain)
-        self._attributes = _global_attributes(model, attributes, "trajectories")
+        super().__init__(
+            path, model, "trajectories", attributes, reference, calendar, projection, land, overwrite
+        )  # fmt: skip
         self._attributes["featureType"] = "trajectory"
         constant = {"radius", "thickness", "motion"}
         check_flag("contacts", contacts)
@@ -386,12 +399,11 @@ def _global_attributes(
 
 def _check_attribute(name: object, value: object) -> None:
     """InputError for what no attribute of a NetCDF file can be."""
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(
-        value, bool
-    )
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:
-        number = False
-    if not isinstance(name, str) or not (number or isinstance(value, str)):
+    kinds = str | int | float | np.integer | np.floating
+    fits = isinstance(value, kinds) and not isinstance(value, bool)
+    if isinstance(value, int):
+        fits &= -(2**63) <= value < 2**63
+    if not (isinstance(name, str) and fits):
         raise InputError(f"attribute {name!r} = {in_line(value)}: must be a text or a number")
 
 

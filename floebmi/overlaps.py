@@ -1,15 +1,17 @@
-"""Floes that lie over each other: what a start is refused for."""
+"""Floes that lie over each other or over a wall: what a start is refused for, and an edit that puts them there."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from floebmi.boundaries import Domain, check_domain
+from floebmi.boundaries import Domain, check_domain, edge_of, over_walls
 from floebmi.errors import InputError
 from floebmi.floes import Floes, check_floes
 from floebmi.neighbours import find_pairs
 from floebmi.pairs import wrap
 from floebmi.quantities import is_number
+
+ALLOWED = 0.1  # of the smaller radius, at the start
 
 
 class Overlap(NamedTuple):
@@ -63,3 +65,52 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
         Overlap(*sorted((int(number[i[p]]), int(number[j[p]]))), float(overlap[p]), float(share[p]))
         for p in found
     ]
+
+
+def refuse_overlaps(
+    floes: Floes,
+    domain: Domain,
+    when: str,
+    before: Floes | None = None,
+    allowed: float = ALLOWED,
+) -> None:
+    """InputError for floes that overlap by more than `allowed` of the smaller radius.
+
+    when : words for the error; before : floes that were let pass: what counts is how much more they overlap than those did
+    """
+    worst = overlapping(floes, domain, allowed) if len(floes) else []
+    if worst and before is not None:
+        had = {pair[:2]: pair.share for pair in overlapping(before, domain)}
+        worst = [pair for pair in worst if pair.share - had.get(pair[:2], 0.0) > allowed]
+    if worst:
+        shown = "; ".join(
+            f"floes {pair.i} and {pair.j} by {pair.overlap:.4g} m" for pair in worst[:3]
+        )
+        more = f" and {len(worst) - 3} more pairs" if len(worst) > 3 else ""
+        raise InputError(
+            f"floes overlap {when} by more than {allowed:g} of the smaller radius: "
+            f"{shown}{more}; move them apart, or call floebmi.relax(floes, domain)"
+        )
+
+
+def refuse_over_walls(
+    walls: np.ndarray,
+    floes: Floes,
+    domain: Domain,
+    when: str,
+    before: Floes | None = None,
+    allowed: float = ALLOWED,
+) -> None:
+    """The same for floes that reach over walls by more than `allowed` of their radius: those would shoot them off."""
+    share = over_walls(walls, floes, domain.origin)
+    more = share.copy()
+    if before is not None:
+        more[: len(before)] -= over_walls(walls, before, domain.origin).clip(0.0)
+    if (more > allowed).any():
+        floe, number = np.unravel_index(np.argmax(more), more.shape)
+        wall = walls[number]
+        raise InputError(
+            f"{np.count_nonzero((more > allowed).any(axis=1))} floes reach over walls {when} by more than "
+            f"{allowed:g} of their radius, floe {floe} by {share[floe, number] * floes.radius[floe]:.4g} m over the wall "
+            f"in the {edge_of(wall)}, at {wall['position'] + domain.origin[int(wall['axis'])]:g} m; move them, or the wall"
+        )

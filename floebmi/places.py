@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, final, get_args
 import numpy as np
 
 from floebmi.errors import InputError, check_word
+from floebmi.factors import IN_FILE, length_factor
 from floebmi.fields import (
     COORDINATES,
-    IN_FILE,
     Box,
     File,
     coordinate,
-    length_factor,
     refuse_other_points,
     role,
     with_same_points,

@@ -160,10 +160,10 @@ def number_in(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def words(law: tuple) -> str:
+def as_python(law: tuple) -> str:
     """A law as one would write it in Python, without what is absent."""
     parts = [
-        f"{name}={words(value) if hasattr(value, '_asdict') else repr(value)}"
+        f"{name}={as_python(value) if hasattr(value, '_asdict') else repr(value)}"
         for name, value in law._asdict().items()
         if value is not None
     ]

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from floebmi.fluid import Fluid
     from floebmi.forcing import VelocitySource
     from floebmi.model import Model
+    from floebmi.output import GriddedWriter, TrajectoryWriter
     from floebmi.state import Counters
 
 DAY = 86400.0
@@ -196,7 +196,7 @@ def run(
     array([60.])
     """
     from floebmi.clock import text_of
-    from floebmi.files import check_target, path_of
+    from floebmi.files import check_target
     from floebmi.model import Model
     from floebmi.output import save_restart
     from floebmi.timing import shares_of_a_step
@@ -215,16 +215,7 @@ def run(
     _check_sources(model, {"ocean": ocean, "atmosphere": atmosphere}, start, end)
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
-    files = [
-        path_of(name, path)
-        for name, path in (
-            ("gridded", gridded),
-            ("trajectories", trajectories),
-            ("restart", restart),
-        )
-        if path is not None
-    ]
-    _refuse_one_file_for_two(files)
+    files = _files_of({"gridded": gridded, "trajectories": trajectories, "restart": restart})
     if restart is not None:
         check_target(Path(restart), overwrite)
     claim = restart is not None and not Path(restart).exists()
@@ -232,22 +223,21 @@ def run(
     of_state = dict(attributes or {})
     if reference is not None:
         of_state |= {"start": text_of(reference), "calendar": calendar}
+    how = {
+        "attributes": attributes, "reference": reference, "calendar": calendar,
+        "projection": projection, "land": land, "overwrite": overwrite,
+    }  # fmt: skip
     with contextlib.ExitStack() as stack:
         stack.enter_context(alone(model, "run"))
-        interrupted = stack.enter_context(_gentle_interrupt())
-        write = stack.enter_context(
-            _Frames(
-                model, gridded, trajectories, attributes, reference, calendar, projection, land,
-                overwrite,
-            )
-        )  # fmt: skip
+        interrupts = stack.enter_context(_gentle_interrupt())
+        writers = _writers(stack, model, gridded, trajectories, how)
         meter = stack.enter_context(_Meter(model, total, progress))
         if claim:
             with clock.of("output"):
                 save_restart(restart, state, of_state, overwrite=False)
         try:
             with clock.of("output"):
-                write()
+                _write(writers, model)
             for k, target in _exchange_ends(start, end, exchange):
                 with clock.of("forcing"):
                     drive.fill(0.5 * (model.time + target))
@@ -255,19 +245,21 @@ def run(
                     model.advance(target - model.time)
                 model.time = target  # a sum of many intervals would drift
                 state = model.state()
-                if k % exchanges == 0 or target == end or interrupted:
+                if k % exchanges == 0 or target == end or interrupts:
                     with clock.of("output"):
                         drive.fill(model.time)
-                        write()
+                        _write(writers, model)
                         if restart is not None and time.monotonic() - saved_at >= SAVED_EVERY:
                             save_restart(restart, state, of_state)
                             saved_at = time.monotonic()
                 meter.update(model)
-                if interrupted:
+                if interrupts:
                     break
         except BaseException as error:
             # a run that got nowhere does not replace the state of an earlier one
-            if state["time"] > start or claim or not (restart and Path(restart).exists()):
+            if restart is not None and (
+                state["time"] > start or claim or not Path(restart).exists()
+            ):
                 _save(restart, state, of_state, error)
             raise
     if restart is not None:
@@ -311,12 +303,17 @@ def _check_sources(
         check_forcing(source, getattr(model, name), start, end)
 
 
-def _refuse_one_file_for_two(files: Sequence[Path]) -> None:
+def _files_of(named: Mapping[str, str | Path | None]) -> list[Path]:
+    """The files that were given under these names; InputError for one that is given twice."""
+    from floebmi.files import path_of
+
+    files = [path_of(name, path) for name, path in named.items() if path is not None]
     for k, path in enumerate(files):
         if path.resolve() in (other.resolve() for other in files[:k]):
             raise InputError(
                 f"run: {path}: is named twice; gridded, trajectories and restart must be files of their own"
             )
+    return files
 
 
 def check_forcing(source: "VelocitySource", fluid: "Fluid", start: float, end: float) -> None:
@@ -367,11 +364,9 @@ def _positive(name: str, value: float) -> float:
 
 
 def _save(
-    path: str | Path | None, state: Mapping[str, Any], attributes: Any, error: BaseException
+    path: str | Path, state: Mapping[str, Any], attributes: Any, error: BaseException
 ) -> None:
     """Save the last good state, and say so with the error that ended the run."""
-    if path is None:
-        return
     from floebmi.output import save_restart
 
     try:
@@ -399,96 +394,70 @@ class Forcing:
             source.fill(t, fluid.u, fluid.v)
 
 
-class _Frames:
-    """The files of a run; a call writes a frame into each."""
+def _writers(
+    stack: contextlib.ExitStack,
+    model: "Model",
+    gridded: str | Path | None,
+    trajectories: str | Path | None,
+    how: Mapping[str, Any],
+) -> "list[GriddedWriter | TrajectoryWriter]":
+    """What writes the files of a run, closed with the stack; how : see `output.GriddedWriter`."""
+    from floebmi.output import GriddedWriter, TrajectoryWriter
 
-    def __init__(
-        self,
-        model: "Model",
-        gridded: str | Path | None,
-        trajectories: str | Path | None,
-        attributes: Mapping[str, Any] | None,
-        reference: str | None,
-        calendar: str,
-        projection: str | None,
-        land: Sequence[np.ndarray],
-        overwrite: bool,
-    ) -> None:
-        from floebmi.output import GriddedWriter, TrajectoryWriter
+    return [
+        stack.enter_context(writer(path, model, **how))
+        for writer, path in ((GriddedWriter, gridded), (TrajectoryWriter, trajectories))
+        if path is not None
+    ]
 
-        self._model = model
-        self._writers: list[GriddedWriter | TrajectoryWriter] = [
-            writer(
-                path, model, attributes, reference=reference, calendar=calendar,
-                projection=projection, land=land, overwrite=overwrite,
-            )
-            for writer, path in ((GriddedWriter, gridded), (TrajectoryWriter, trajectories))
-            if path is not None
-        ]  # fmt: skip
 
-    def __call__(self) -> None:
-        for writer in self._writers:
-            writer.write(self._model)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        for writer in self._writers:
-            writer.__exit__(kind, error, at)
+def _write(writers: "list[GriddedWriter | TrajectoryWriter]", model: "Model") -> None:
+    """A frame into each file."""
+    for writer in writers:
+        writer.write(model)
 
 
 class _Stopwatch:
+    """Seconds that a run spends, by what it spends them on."""
+
     def __init__(self) -> None:
         self._begin, self._made = time.perf_counter(), Making.clock
-        self.spent = {"forcing": 0.0, "ice": 0.0, "steps": 0.0, "lists": 0.0, "output": 0.0}
+        self._spent = {"forcing": 0.0, "ice": 0.0, "steps": 0.0, "lists": 0.0, "output": 0.0}
 
     @contextlib.contextmanager
     def of(self, what: str) -> Iterator[None]:
         begin = work_clock()
         yield
-        self.spent[what] += work_clock() - begin
+        self._spent[what] += work_clock() - begin
 
     @contextlib.contextmanager
     def of_ice(self, model: "Model") -> Iterator[None]:
         before = dataclasses.replace(model.seconds)
         with self.of("ice"):
             yield
-        self.spent["steps"] += model.seconds.steps - before.steps
-        self.spent["lists"] += model.seconds.lists - before.lists
+        self._spent["steps"] += model.seconds.steps - before.steps
+        self._spent["lists"] += model.seconds.lists - before.lists
 
     def wall_time(self) -> WallTime:
         total = time.perf_counter() - self._begin
-        return WallTime(**self.spent, making=Making.clock - self._made, total=total)
-
-
-class _Interrupt:
-    """True once somebody asked the run to stop."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    def __bool__(self) -> bool:
-        return self.asked
+        return WallTime(**self._spent, making=Making.clock - self._made, total=total)
 
 
 @contextlib.contextmanager
-def _gentle_interrupt() -> Iterator[_Interrupt]:
-    """Ctrl-C, SIGTERM and SIGHUP let the exchange at hand come to its end; a second one stops at once."""
-    interrupt = _Interrupt()
+def _gentle_interrupt() -> Iterator[list[int]]:
+    """Ctrl-C, SIGTERM and SIGHUP let the exchange at hand come to its end; a second one stops at once.
+
+    Gives the list of the signals that came so far.
+    """
+    came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield interrupt  # signals belong to the main thread
+        yield came  # signals belong to the main thread
         return
 
     def ask(number: int, frame: object) -> None:
-        if interrupt:
+        if came:
             raise KeyboardInterrupt
-        interrupt.asked = True
+        came.append(number)
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     # Windows has no SIGHUP, and nohup has it ignored
@@ -496,7 +465,7 @@ def _gentle_interrupt() -> Iterator[_Interrupt]:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, ask) for number in numbers}
     try:
-        yield interrupt
+        yield came
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -538,11 +507,6 @@ class _Meter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._bar is not None:
             self._bar.close()

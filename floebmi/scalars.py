@@ -16,27 +16,18 @@ import numpy as np
 
 from floebmi.clock import Clock
 from floebmi.errors import InputError, check_text, check_word, in_line
-from floebmi.fields import (
-    Field,
-    File,
-    Wanted,
-    field,
-    find,
-    fraction_factor,
-    holds,
-    is_percent,
-    length_factor,
-    open_files,
-)
+from floebmi.factors import fraction_factor, is_percent, length_factor
+from floebmi.fields import Field, File, Wanted, field, find, holds
 from floebmi.grid import Grid, check_grid
 from floebmi.masks import choose_mask, water_value
+from floebmi.opening import open_files
 from floebmi.places import Position, place_of
 from floebmi.quantities import is_number
 from floebmi.remap import FillLand, around_cells, interpolate
 
 if TYPE_CHECKING:
     from floebmi.clock import Date
-    from floebmi.fields import Source
+    from floebmi.opening import Source
 
 Quantity = Literal["area_fraction", "thickness", "sea_ice_volume", "land_fraction"]
 ThicknessOf = Literal["auto", "ice", "cell"]

@@ -197,7 +197,7 @@ def _values(variable: "Variable", where: str) -> np.ndarray:
     if variable.name == "face_nodes":
         nodes = np.ma.filled(values, -1).astype(np.int64)
         return np.maximum(nodes - int(getattr(variable, "start_index", 0)), -1)
-    from floebmi.fields import IN_FILE, length_factor
+    from floebmi.factors import IN_FILE, length_factor
 
     factor = length_factor(variable.units, where, IN_FILE) if hasattr(variable, "units") else 1.0
     return factor * unmasked(values)

@@ -4,14 +4,22 @@ An advance starts from it and leaves it behind.  Whatever has to survive a resta
 failed, is in here or in the floes.
 """
 
+import json
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from floebmi.boundaries import Feeder
+from floebmi.boundaries import Feeder, walls_of_state
 from floebmi.budgets import Ledger
-from floebmi.kept import Kept, Memory
+from floebmi.floes import Floes
+from floebmi.kept import Kept, Marks, marks
+from floebmi.listing import Memory
+from floebmi.pairs import MEMORIES, PairList
+
+_OF_FLOES = {"previous": 3, "remainder": 2}  # columns of what is kept per floe outside of `Floes`
 
 
 @dataclass
@@ -27,12 +35,12 @@ class Counters:
     longest_step: float = 0.0
     last_step: float = 0.0
     tested: int = 0  # pairs tested to make the lists, and
-    listed: int = 0  # those of them that were listed; both last, since restart files of before end without them
+    listed: int = 0  # those of them that were listed; these two stay last: older restart files end without them
 
 
 @dataclass
 class Seconds:
-    """Seconds on the clock in this process, of what an exchange spends its time on besides itself."""
+    """Seconds on the clock that parts of the exchanges took in this process."""
 
     steps: float = 0.0
     lists: float = 0.0  # of neighbours, and what sets the step
@@ -83,8 +91,62 @@ class State:
 
     def fit(self, floes: int) -> None:
         """Room for new floes in what is kept per floe outside of `Floes`: so many there are now."""
-        for name in ("previous", "remainder"):
+        for name in _OF_FLOES:
             rows = getattr(self, name)
             if rows is not None and len(rows) < floes:
                 more = np.zeros((floes - len(rows), rows.shape[1]))
                 setattr(self, name, np.vstack([rows, more]))
+
+    def kept_for(self, floes: Floes) -> Kept | None:
+        """The list of the last exchange, as far as it holds for floes as they are now."""
+        return None if self.kept is None else self.kept.of(floes)
+
+    # ---- restart -----------------------------------------------------------------------------------
+
+    def saved(self, floes: Floes) -> dict[str, object]:
+        """What a restart needs of it, by name: arrays and text that nobody will change.
+
+        floes : as they are now
+        """
+        pairs, _ = self.memory.by_number(len(floes))
+        listed = marks(self.kept_for(floes), self.memory.number)
+        of_floes = {name: getattr(self, name) for name in _OF_FLOES}
+        return {
+            "walls": np.array(self.walls.tolist()).reshape(-1, len(self.walls.dtype)),
+            "pair_start": pairs.start,
+            "pair_i": pairs.i,
+            "pair_j": pairs.j,
+            **{f"pair_{name}": values for name, values in pairs.memory().items()},
+            **{f"list_{name}": values.copy() for name, values in listed._asdict().items()},
+            **{name: rows.copy() for name, rows in of_floes.items() if rows is not None},
+            "rng": json.dumps(self.rng.bit_generator.state),
+            "waiting": np.array([np.nan if x.waiting is None else x.waiting for x in self.feeders]),
+            "counters": np.array([float(value) for value in vars(self.counters).values()]),
+            **self.ledger.state(),
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> Marks:
+        """Take up what `saved` gave, of a state of the same scene; returns what the list is to be made anew from."""
+        self.walls[:] = walls_of_state(self.walls, np.asarray(saved["walls"]))
+        memory = {name: saved[f"pair_{name}"] for name in MEMORIES if f"pair_{name}" in saved}
+        pairs = PairList(
+            np.asarray(saved["pair_start"], np.int64),
+            np.asarray(saved["pair_i"], np.uint32),
+            np.asarray(saved["pair_j"], np.uint32),
+            **{name: np.asarray(values, float) for name, values in memory.items()},
+        )
+        self.memory, self.kept = Memory(pairs, np.arange(len(pairs.start) - 1)), None
+        for name, columns in _OF_FLOES.items():
+            if getattr(self, name) is not None:
+                setattr(self, name, np.array(saved[name], float).reshape(-1, columns))
+        self.rng.bit_generator.state = json.loads(str(saved["rng"]))
+        for feeder, waiting in zip(self.feeders, np.atleast_1d(saved["waiting"]), strict=True):
+            feeder.waiting = None if np.isnan(waiting) else float(waiting)
+        counters = self.counters
+        # what an older floebmi did not count goes on from 0
+        counted = np.zeros(len(vars(counters)))
+        counted[: np.size(saved["counters"])] = np.ravel(saved["counters"])
+        for name, value in zip(vars(counters), counted, strict=True):
+            setattr(counters, name, type(getattr(counters, name))(value))
+        self.ledger.restore(saved)
+        return Marks(*(np.array(saved[f"list_{name}"]) for name in Marks._fields))

@@ -48,13 +48,13 @@ class Override(NamedTuple):
     text: str
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def names(self) -> tuple[str, ...]:
         """The keys without the numbers of tables in lists."""
         return tuple(part for part in self.keys if not part.isdecimal())
 
     def meets(self, other: "Override") -> bool:
         """Whether one of the two sets what the other sets, or a part of it."""
-        return all(one == two for one, two in zip(self.words, other.words, strict=False))
+        return all(one == two for one, two in zip(self.names, other.names, strict=False))
 
 
 # ---- declarations -----------------------------------------------------------------------------
@@ -453,14 +453,14 @@ def _key_of_choice(declaration: Any, loc: tuple) -> str:
 
 def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | None:
     """The last override that put the value of a path there, or a value inside it."""
-    words = tuple(part for part in path if not isinstance(part, int))
+    names = tuple(part for part in path if not isinstance(part, int))
     numbers = [part + 1 for part in path if isinstance(part, int)]
     for override in reversed(overrides):
-        own = override.words
+        own = override.names
         which = [int(part) for part in override.keys if part.isdecimal()]
-        within = words[: len(own)] == own and numbers[-len(which) or len(numbers) :] == which
-        around = len(own) > len(words) and own[: len(words)] == words
-        if words and (within or around):
+        within = names[: len(own)] == own and numbers[-len(which) or len(numbers) :] == which
+        around = len(own) > len(names) and own[: len(names)] == names
+        if names and (within or around):
             return override
     return None
 
@@ -520,7 +520,7 @@ _TYPES = {
     "tuple_type": "must be a list",
     "list_type": "must be a list",
 }
-_BOUNDS = {
+_OUT_OF_BOUNDS = {
     "greater_than": ("greater than", "gt"),
     "greater_than_equal": ("at least", "ge"),
     "less_than": ("less than", "lt"),
@@ -566,9 +566,9 @@ def _message_of(declaration: Any, error: Any) -> str:
         words = [str(tag).removeprefix("=") for tag, _ in _members(hint) if tag]
         word = context.get("tag", "").removeprefix("=")
         return ("" if word else "is missing; ") + choose(word, words)
-    if kind in _BOUNDS:
-        words_of, name = _BOUNDS[kind]
-        return f"must be {words_of} {context[name]:g}"
+    if kind in _OUT_OF_BOUNDS:
+        relation, name = _OUT_OF_BOUNDS[kind]
+        return f"must be {relation} {context[name]:g}"
     if kind in ("too_long", "too_short"):
         bound = context.get("max_length", context.get("min_length"))
         few = "at least " * (kind == "too_short")

@@ -494,7 +494,7 @@ def recommended(data: "xr.Dataset", error: float) -> str | None:
     return min(good, key=lambda s: float(cost.sel(setting=s))) if good else None
 
 
-def words(data: "xr.Dataset", setting: str) -> str:
+def setting_text(data: "xr.Dataset", setting: str) -> str:
     """A setting as options, its error, and how well that is known."""
     of = data.attrs["of"]
     one = data.sel(setting=setting, quantity=of)

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from floebmi import FloeBmi, Grid, InputError, StabilityError, bmi, running
+from floebmi.bmi_layout import Layout, layout_of
 from floebmi.forces import OceanDrag, bulk_coefficient
 from floebmi.scene import read_scene
 
@@ -538,7 +539,7 @@ def test_a_state_with_fewer_floes_leaves_nothing_of_those_that_came_later(tmp_pa
 # ---- grids --------------------------------------------------------------------------------------
 
 
-def shared_edges(layout: bmi.Layout) -> np.ndarray:
+def shared_edges(layout: Layout) -> np.ndarray:
     return np.bincount(layout.face_edges, minlength=layout.edge_nodes.size // 2)
 
 
@@ -546,7 +547,7 @@ def test_polygons_of_all_corners_are_faces_without_padding() -> None:
     grid = Grid.unstructured(
         [0, 2, 4, 4, 2, 0, 6], [0, 0, 0, 2, 3, 2, 1], [[0, 1, 4, 5], [1, 2, 3, 4], [2, 6, 3]]
     )
-    layout = bmi.layout_of(grid, faces=False)
+    layout = layout_of(grid, faces=False)
     assert layout.type == "unstructured" and layout.location == "face"
     assert layout.nodes_per_face.tolist() == [4, 4, 3]
     assert layout.face_nodes.tolist() == [0, 1, 4, 5, 1, 2, 3, 4, 2, 6, 3]
@@ -562,7 +563,7 @@ def test_polygons_of_all_corners_are_faces_without_padding() -> None:
 
 def test_curvilinear_cells_are_faces() -> None:
     x, y = np.meshgrid(np.linspace(0, 5, 6), np.linspace(0, 3, 4))
-    layout = bmi.layout_of(Grid.curvilinear(x + 0.2 * y, y), faces=False)
+    layout = layout_of(Grid.curvilinear(x + 0.2 * y, y), faces=False)
     assert (layout.type, layout.values, layout.size) == ("unstructured", 15, 24)
     assert layout.size - layout.edge_nodes.size // 2 + layout.values == 1
 

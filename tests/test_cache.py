@@ -62,7 +62,7 @@ def test_a_folder_that_can_only_be_read_is_read(folder, monkeypatch):
         raise OSError(30, os.strerror(30))
 
     kernels.jit(half)(3.0)
-    monkeypatch.setattr(kept_code._Place, "ensure_cache_path", refuse)
+    monkeypatch.setattr(kept_code._Locator, "ensure_cache_path", refuse)
     monkeypatch.setattr(
         kept_code.numba.core.caching.tempfile, "TemporaryFile", lambda dir: refuse(dir)
     )

@@ -25,18 +25,20 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, PairList, look
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING
 from floebmi.packing import relax
 from floebmi.pairs import (
     BLOW,
     BONDS,
     FRICTION,
     Inverse,
+    PairList,
     near_of,
     note_blows,
     remembering,
     strike_floes,
 )
+from floebmi.survey import touching_pairs
 
 DOMAIN = Domain((-200.0, 200.0), (-200.0, 200.0))
 LAWS = {
@@ -70,7 +72,7 @@ def force_and_energy(law, gap, slip, bonded):
     near, close = near_of(pairs, np.array([0, 1]))
     near.slot[0], near.i[0], near.j[0], near.counts[0] = 0, 0, 1, 1
     close.block[:, 0] = block[:, 0]
-    _, rows = look(law, None, None, place, None, None, near, close)
+    _, rows = touching_pairs(law, None, None, place, None, None, near, close)
     return (-rows[0, 4], rows[0, 8]) if len(rows) else (0.0, 0.0)
 
 

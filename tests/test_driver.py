@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from coupling.connection import COUNT, OVER_ICE, Connection, connect
+from coupling.connection import COUNT, OVER_ICE, Connection
 from coupling.driver import (
     HEADER,
     Coupling,
@@ -467,6 +467,20 @@ def test_what_is_per_cell_area_crosses_with_its_integral_kept(ocean):
         assert (got[name] * area).sum() == pytest.approx((k + 1) * field @ cells.area), name
 
 
+def carried(name, values, regrid):
+    """An output of floes that have these values, carried to an input of the host with the same name."""
+    of_both = {"units": lambda name: "1", "grid_number": lambda name: 0}
+    giver = SimpleNamespace(
+        name="floes", get=values.__getitem__, outputs=tuple(values),
+        know_grid=lambda name: regrid.target, **of_both,
+    )  # fmt: skip
+    taker = SimpleNamespace(
+        name="host", know_grid=lambda name: regrid.source,
+        model=SimpleNamespace(get_var_type=lambda name: "float64"), **of_both,
+    )  # fmt: skip
+    return Connection(giver, taker, name, Link(name), lambda *_: regrid).carry(values[name])
+
+
 def test_means_over_the_ice_are_weighted_by_what_makes_them_amounts_again():
     """Two cells of the floes in one of the host: velocity keeps momentum, thickness and stress per ice area theirs."""
     cells = Grid.uniform((0.0, 2.0), (0.0, 1.0), spacing=1.0)
@@ -482,12 +496,9 @@ def test_means_over_the_ice_are_weighted_by_what_makes_them_amounts_again():
         (per_ice, fraction, 2.5),
         (per_ice.replace("x_z", "y_z"), fraction, 2.5),
     ):
-        giver = SimpleNamespace(name="floes", get=amounts.__getitem__)
-        carried = Connection(
-            giver, None, name, name, "mean", OVER_ICE[name], False, None, 0.0, (0, 0), regrid
-        )  # fmt: skip
         assert OVER_ICE[name] == weight
-        assert carried.carry(np.array([1.0, 3.0])) == pytest.approx([mean])
+        values = amounts | {name: np.array([1.0, 3.0])}
+        assert carried(name, values, regrid) == pytest.approx([mean])
 
 
 def test_amounts_of_ice_and_floes_are_kept_at_land_of_the_host_and_on_uneven_cells():
@@ -511,17 +522,8 @@ def test_amounts_of_ice_and_floes_are_kept_at_land_of_the_host_and_on_uneven_cel
     }
     values[pressure] = -(values[stress[0]] + values[stress[1]]) / 2
     got = {}
-    giver = SimpleNamespace(
-        name="floes", get=values.__getitem__, units=lambda name: "1", outputs=tuple(values),
-        grid_number=lambda name: 0, know_grid=lambda name: floes,
-    )  # fmt: skip
-    taker = SimpleNamespace(
-        name="host", units=lambda name: "1", grid_number=lambda name: 0,
-        know_grid=lambda name: host,
-        model=SimpleNamespace(get_var_type=lambda name: "float64"),
-    )  # fmt: skip
     for name in values:
-        got[name] = connect(giver, taker, name, Link(name), lambda *_: regrid).carry(values[name])
+        got[name] = carried(name, values, regrid)
     for behind, name in ((fraction, THICKNESS), (fraction, per_ice), (mass, of_x)):
         kept = (values[behind] * values[name]) @ floes.area
         assert (got[behind] * got[name]) @ host.area == pytest.approx(kept, rel=1e-13), name

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from uncompiled import uncompiled
 
-from floebmi import advance
+from floebmi import listing
 from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, frictional
@@ -15,9 +15,10 @@ from floebmi.errors import InputError, StabilityError
 from floebmi.floes import FIXED, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag
 from floebmi.model import Model
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, stable_step
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING
 from floebmi.packing import relax, scatter
 from floebmi.sizes import UniformSize
+from floebmi.stable_step import stable_step
 from floebmi.taylor import hold_taylor_spin, taylor_spin
 
 DOMAIN = Domain((-500.0, 500.0), (-500.0, 500.0))
@@ -444,14 +445,16 @@ def test_a_period_that_is_just_long_enough_for_two_floes_is_not_too_short_for_th
     model = Model(domain, Floes([1.0, 3.3], 30.0, 1.0, 1.0, u=[0.3, -0.3]), contact=frictional())
     model.advance(5.0)
     assert model.ledger.balance("momentum_x").relative < 1e-12
-    assert model._now().skin < 1.5 * model._now().closing  # elsewhere such few floes have 6
+    assert (
+        model._now().listed.skin < 1.5 * model._now().listed.closing
+    )  # elsewhere such few floes have 6
 
 
 def test_fast_floes_on_a_short_list_meet_as_they_do_on_the_whole_list(monkeypatch):
     """The list is made anew many times in these steps; made as narrow as for slow floes it misses contacts by the tenth."""
 
     def after(near: float) -> tuple[np.ndarray, int]:
-        monkeypatch.setattr(advance, "NEAR", near)
+        monkeypatch.setattr(listing, "NEAR", near)
         domain = Domain((0.0, 2000.0), (0.0, 2000.0), *["periodic"] * 4)
         floes = scatter(domain, UniformSize(20.0, 40.0), concentration=0.7, seed=2)
         floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0.0, 2.0, (2, len(floes)))
@@ -461,7 +464,7 @@ def test_fast_floes_on_a_short_list_meet_as_they_do_on_the_whole_list(monkeypatc
         model.step_by(80)
         return np.array([floes.x, floes.y, floes.u, floes.v]), pairs
 
-    (short, few), (whole, many) = after(advance.NEAR), after(50.0)
+    (short, few), (whole, many) = after(listing.NEAR), after(50.0)
     assert few < 0.8 * many
     # to round-off: which pairs are computed side by side differs
     np.testing.assert_allclose(short, whole, rtol=0, atol=1e-8)

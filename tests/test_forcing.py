@@ -10,9 +10,9 @@ from xarray.core import indexing
 
 from floebmi.cgrid import mean_of_faces
 from floebmi.errors import InputError
-from floebmi.fields import open_files
 from floebmi.forcing import Constant, Function, VelocityFile
 from floebmi.grid import Grid
+from floebmi.opening import open_files
 from floebmi.projection import east_in_plane, to_lonlat, to_plane
 from floebmi.scene import read_scene
 

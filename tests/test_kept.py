@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-import floebmi.model
+import floebmi.fluid
 from floebmi.advance import Advance
 from floebmi.boundaries import Domain, Inflow, Wall
 from floebmi.contact import Contact, Coulomb, TensileStrength
@@ -231,11 +231,11 @@ def test_ctrl_c_finds_all_of_an_exchange_or_nothing_of_it(monkeypatch):
                 cut.advance(0.01)
 
     for place, name in (
-        (Advance, "_go_on"), (Advance, "_touch"), (Advance, "run"), (Model, "_check_energy"), (Model, "_impulses"),
+        (Advance, "_go_on"), (Advance, "_touch"), (Advance, "run"), (Model, "_check_energy"), (Model, "_ocean_drag"),
     ):  # fmt: skip
         pressed_in(place, name)
         assert same(cut, whole) == [], name
-    pressed_in(floebmi.model, "give_back")  # compiled: the key is heard when it is through
+    pressed_in(floebmi.fluid, "give_back")  # compiled: the key is heard when it is through
     assert same(cut, go_on(whole, 1)) == []
     assert same(go_on(cut), go_on(whole)) == []
 

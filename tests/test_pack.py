@@ -19,24 +19,12 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import WALL
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
+from floebmi.listing import Memory
 from floebmi.neighbours import carry
-from floebmi.pack import (
-    FORCE_AND_TORQUE,
-    MOVING,
-    SPINNING,
-    STIFFNESS,
-    _stiffest,
-    deepest,
-    largest_eigenvalue,
-    pack,
-    pack_again,
-    places,
-    pressed,
-    remembered,
-    survey,
-    unpack,
-)
+from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, pack, pack_again, places, unpack
 from floebmi.pairs import Near, PairList
+from floebmi.stable_step import STIFFNESS, _stiffest, largest_eigenvalue
+from floebmi.survey import deepest, pressed, survey
 
 ORIGIN = 1e6, 2e6
 
@@ -132,7 +120,7 @@ def test_a_survey_sees_what_is_no_number_and_the_fastest_by_size_and_by_spin(nam
 def test_pairs_are_saved_by_the_numbers_of_their_floes_and_bent_the_other_way_if_these_change_places():
     number, ends = np.array([2, 0, 1, 3]), (np.array([0, 1, 0, 3]), np.array([1, 2, 2, 2]))
     slip, bent = np.array([0.5, 0.0, 0.0, -0.4]), np.array([0.1, 0.2, 0.0, 0.0])
-    saved = remembered(PairList(None, *ends, slip=slip, bent=bent), number, 4)
+    saved = Memory(PairList(None, *ends, slip=slip, bent=bent), number).by_number(4).pairs
     assert saved.start.tolist() == [0, 2, 3, 3, 3]
     assert saved.i.tolist() == [0, 0, 1] and saved.j.tolist() == [1, 2, 3]
     assert saved.slip.tolist() == [0.0, 0.5, -0.4] and saved.bent.tolist() == [0.2, -0.1, 0.0]

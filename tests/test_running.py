@@ -142,14 +142,14 @@ def test_of_two_runs_that_begin_at_once_the_second_leaves_the_restart_file_of_th
     tmp_path, monkeypatch
 ):
     state = tmp_path / "restart.nc"
-    frames = running._Frames
+    writers = running._writers
 
     def first_another(*given):  # after the name was found free, before it is taken
-        monkeypatch.setattr(running, "_Frames", frames)
+        monkeypatch.setattr(running, "_writers", writers)
         run(drifting(), 20.0, restart=state)
-        return frames(*given)
+        return writers(*given)
 
-    monkeypatch.setattr(running, "_Frames", first_another)
+    monkeypatch.setattr(running, "_writers", first_another)
     with pytest.raises(InputError, match="restart.nc: (exists already|another run has made it)"):
         run(drifting(), 50.0, restart=state)
     assert load_restart(state)[0]["time"] == 20.0

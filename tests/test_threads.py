@@ -7,7 +7,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from floebmi import advance, bmi, threads, tiles
+from floebmi import advance, bmi, listing, threads, tiles
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import cohesive, frictional
 from floebmi.dynamics import Step
@@ -27,7 +27,7 @@ SIZES = PowerLaw(10.0, 40.0)
 def small_chunks(monkeypatch):
     monkeypatch.setattr(tiles, "CHUNK", 80)
     for width in ("FEW", "NARROWEST"):  # so narrow a list is renewed on the way
-        monkeypatch.setattr(advance, width, 0)
+        monkeypatch.setattr(listing, width, 0)
 
 
 def pack_of_floes(law, threads=1, walls=False, drag=(), step=Step()):
@@ -58,7 +58,7 @@ def test_any_number_of_threads_gives_the_same_bits_and_closed_books(
             model.atmosphere.u[:] = 15.0
         for _ in range(3):
             model.advance(2.0)
-        assert len(model._now().tiles.chunks) > 3
+        assert len(model._now().lists.tiles.chunks) > 3
     for other in models[1:]:
         for name in ("x", "y", "u", "v"):
             assert np.array_equal(getattr(models[0].floes, name), getattr(other.floes, name))
@@ -92,7 +92,7 @@ def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
     monkeypatch.setattr(tiles, "CHUNK", 80)
     cut = pack_of_floes(frictional(), step=Step(fraction=0.3))
     cut.advance(0.3)
-    assert len(cut._now().tiles.chunks) > 3
+    assert len(cut._now().lists.tiles.chunks) > 3
     # blows of contacts that open are struck one after the other, so their order shows a little
     assert cut.floes.x == pytest.approx(whole.floes.x, abs=1e-6)
     assert cut.ledger.now == pytest.approx(whole.ledger.now, rel=1e-7)
@@ -104,7 +104,7 @@ def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_c
     slip = model.state()["pair_slip"]
     model._state.kept = None
     now = model._now()
-    pairs, tiled = now.pairs, now.tiles
+    pairs, tiled = now.pairs, now.lists.tiles
     bounds, parts, chunks = tiled.bounds, tiled.parts, tiled.chunks
     assert np.count_nonzero(pairs.slip) == np.count_nonzero(slip) > 50
     across = slice(parts[-2], parts[-1])
@@ -134,8 +134,8 @@ def test_tiles_are_whole_blocks_that_fit_the_cache_and_small_packs_are_one():
 def test_a_pair_is_touched_when_the_later_of_its_floes_has_moved(monkeypatch):
     monkeypatch.setattr(tiles, "TILE", 128)
     now = pack_of_floes(frictional())._now()
-    bounds, parts = now.tiles.bounds, now.tiles.parts
-    assert len(now.tiles.chunks) == 2 and len(bounds) > 4 and parts[-1] == parts[-2]
+    bounds, parts = now.lists.tiles.bounds, now.lists.tiles.parts
+    assert len(now.lists.tiles.chunks) == 2 and len(bounds) > 4 and parts[-1] == parts[-2]
     tile = np.searchsorted(bounds, np.maximum(now.pairs.i, now.pairs.j), side="right") - 1
     assert np.array_equal(np.bincount(tile, minlength=len(bounds) - 1), np.diff(parts[:-1]))
     assert (np.diff(tile) >= 0).all()

@@ -31,7 +31,7 @@ def pack(edge="inactive", contact=frictional(), forces=(OceanDrag(),), **scene):
 @pytest.mark.parametrize("without", [None, "contacts", "forces"])
 def test_a_part_that_is_left_out_does_nothing(without):
     model = pack()
-    advance, _ = model._ready(model._look())
+    advance, _ = model._ready(model._known())
     assert advance.seconds_per_step(model._at, 8, without) > 0.0
     assert (advance.packed.force["x"] != 0.0).any() == (without != "contacts")
     assert (lanes(model._at[0], X) != 0.0).any() == (without != "forces")
