@@ -1,7 +1,7 @@
-"""How large the floes are: distributions of the radius by number of floes.
+"""Floe size distributions: distributions of the radius, by number of floes.
 
-A distribution is a NamedTuple of numbers, so that a scene file, the Python API and a file's
-attributes say it in the same words.  Each one draws radii, and knows its mean disc area, from which
+A distribution is a NamedTuple of numbers, so that scene files, the Python API and the attributes of
+output files use the same names.  Each one draws radii and has a mean disc area, from which
 a packing estimates how many floes it needs.
 """
 
@@ -27,13 +27,13 @@ Exponent = Annotated[float, Ge(-20), Le(20)]
 
 
 class PowerLaw(NamedTuple):
-    """Number density n(r) ~ r**exponent between two radii (eq. power-law-sizes).
+    """Power-law number density n(r) ~ r**exponent between two radii (eq. power-law-sizes).
 
     Parameters
     ----------
     radius_min, radius_max : smallest and largest radius [m]
-    exponent : of the number density; the cumulative number falls with exponent + 1.  The default is
-        that of doi:10.1029/2018MS001299.
+    exponent : exponent of the number density [1]; the cumulative number of larger floes has exponent + 1.  The
+        default is that of doi:10.1029/2018MS001299.
     """
 
     radius_min: Positive
@@ -72,7 +72,7 @@ class PowerLaw(NamedTuple):
 
 
 class UniformSize(NamedTuple):
-    """All radii between two bounds are equally likely.
+    """Uniform distribution: all radii between two bounds are equally likely.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class SingleSize(NamedTuple):
 
     Parameters
     ----------
-    radius : of every floe [m]
+    radius : radius of every floe [m]
     """
 
     radius: Positive
@@ -122,12 +122,12 @@ class SingleSize(NamedTuple):
 
 
 class Histogram(NamedTuple):
-    """Counts of floes in bins of the radius; within a bin all radii are equally likely.
+    """Histogram of the radius: counts of floes in bins; within a bin all radii are equally likely.
 
     Parameters
     ----------
-    edges : of the bins [m], rising, one more than counts
-    counts : number of floes (or a weight) of each bin
+    edges : edges of the bins [m], increasing, one more than counts
+    counts : number of floes (or a weight) in each bin
     """
 
     edges: Annotated[tuple[Positive, ...], MinLen(2)]
@@ -156,7 +156,7 @@ class Histogram(NamedTuple):
 
 
 class Empirical(NamedTuple):
-    """Radii [m] of floes that were measured; each draw picks one of them."""
+    """Measured radii [m]; each draw picks one of them."""
 
     radii: Annotated[tuple[Positive, ...], MinLen(1)]
 
@@ -178,7 +178,7 @@ class Empirical(NamedTuple):
 
 
 def _in_short(sizes: Histogram | Empirical) -> str:
-    """As Python shows it, but of a long row, as a file has it, the first numbers alone."""
+    """The repr of a distribution, with only the first numbers of a long array (as from a file)."""
     rows = (f"{name}={reprlib.repr(row)}" for name, row in sizes._asdict().items())
     return f"{type(sizes).__name__}({', '.join(rows)})"
 
@@ -237,7 +237,7 @@ def _row(name: str, values: tuple[float, ...]) -> np.ndarray:
 
 
 def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """The lines of a CSV file that are not blank and their numbers in it, the header first.
+    """The lines of a CSV file that are not blank, with their line numbers, the header first.
 
     InputError if it cannot be read.
     """
@@ -262,8 +262,8 @@ def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
 def from_file(path: str | Path) -> Histogram | Empirical:
     """Sizes from a CSV file with one header line.
 
-    One column holds radii [m] (`Empirical`).  Two columns hold the lower edge of a bin [m] and its
-    count (`Histogram`); the last row's edge closes the last bin, its count is empty or 0.
+    One column holds radii [m] (`Empirical`).  Two columns hold the lower edge of each bin [m] and its
+    count (`Histogram`); the edge in the last row closes the last bin, and its count is empty or 0.
 
     Raises
     ------
