@@ -149,7 +149,7 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ("[[walls]]\nposition = 3", "[walls] edge is missing"),
         ("x = ", "not valid TOML: Invalid value (at line 4, column 5)"),
         ("[time]\n[time]", "not valid TOML: Cannot declare"),
-        ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: of the floe [m]"),
+        ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: radius of the floe [m]"),
         ("[ocean]\nvelocity = [1, 2]\nfile = 'a'", "[ocean] velocity and file exclude each other"),
         ("[ocean]\nvariables = ['uo', 'vo']", "[ocean] variables is about a file"),
         ("[ocean]\nfile = 'no.nc'", "no.nc"),
