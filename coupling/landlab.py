@@ -78,7 +78,7 @@ def cells_of(grid: ModelGrid) -> Grid:
         raise InputError(f"{type(grid).__name__}: has no cells in a plane; must be one of {names}")
     if not grid.number_of_cells:
         raise InputError(
-            f"{type(grid).__name__}: has no cells; must have nodes that others surround"
+            f"{type(grid).__name__}: has no cells; must have nodes inside its perimeter"
         )
     for told in grid.axis_units:
         if told != "-" and not _is_in(told, "m"):  # "-": nobody told it
@@ -249,7 +249,7 @@ class SeaIceFloes(Component):
             raise InputError(f"SeaIceFloes: coast = {coast!r}: must be a Coast, or None")
         if not (concentration is not None or (is_number(thickness) and thickness == 1.0)):
             raise InputError(
-                f"SeaIceFloes: thickness = {thickness!r} is of floes that a concentration asks for: give one, or"
+                f"SeaIceFloes: thickness = {thickness!r} applies to floes made from a concentration: give one, or"
                 " leave it out"
             )
         if floes is not None and sizes is not None:
@@ -353,7 +353,7 @@ class SeaIceFloes(Component):
             raise InputError(f"run_one_step: dt = {dt!r}: must be a number of seconds, at least 0")
         if _digest(self._grid) != self._known_grid:
             raise InputError(
-                "run_one_step: corners or boundary status of the grid are not what they were when"
+                "run_one_step: corners or boundary status of the grid have changed since"
                 " SeaIceFloes was made; make a new one"
             )
         self._check_outputs("run_one_step")

@@ -336,7 +336,9 @@ class Regrid:
         path = path_of("path", path)
         if not path.is_file():
             raise InputError(f"{path}: there is no such file")
-        damaged = InputError(f"{path}: is no NetCDF file, or a damaged one; make the weights anew")
+        damaged = InputError(
+            f"{path}: not a NetCDF file, or a damaged one; compute the weights again"
+        )
         try:
             with netCDF4.Dataset(path) as file:
                 file.set_auto_mask(False)
@@ -411,7 +413,7 @@ def project(grid: Grid, projection: str) -> Grid:
         k = outside[0]
         raise InputError(
             f"projection = {projection!r}: corner at longitude {grid.node_x[k]:g}, latitude"
-            f" {grid.node_y[k]:g} has no place in it; cut the grid first"
+            f" {grid.node_y[k]:g} is outside it; cut the grid first"
         )
     pole = np.zeros(x.size, bool)
     for latitude in (-90.0, 90.0):
@@ -485,7 +487,7 @@ def _refuse_doubles(one: str, other: str, covered: np.ndarray) -> None:
         k = doubled[0]
         raise InputError(
             f"regrid: cell {k} of the {one} is covered {covered[k]:.3g} times ({doubled.size} such cells): wet"
-            f" cells of the {other} lie on each other; leave out those that are there twice (a halo, a turn of"
+            f" cells of the {other} overlap each other; leave out the duplicates (a halo, longitudes over"
             " more than 360 degrees), or make them dry"
         )
 

@@ -94,7 +94,7 @@ def axis_angle(grid: Grid) -> np.ndarray:
     _structured(grid)
     if grid.face_nodes[0, 1] != grid.face_nodes[0, 0] + 1:
         raise InputError(
-            f"{grid!r}: j is to the right of i, as where rows run from north to south: no turn takes both axes to"
+            f"{grid!r}: j is to the right of i, as where rows run from north to south: no rotation takes both axes to"
             " x and y; reverse the rows of the grid and of its fields"
         )
     x, y = grid.corner_x, grid.corner_y  # counter-clockwise from the south-west

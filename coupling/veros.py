@@ -240,7 +240,7 @@ class SeaIce:
         vs, model = state.variables, self.model
         if _digest(state) != self._known_grid:
             raise InputError(
-                "Veros: masks or areas of the surface layer are not what they were when SeaIce was made; make a new one"
+                "Veros: masks or areas of the surface layer have changed since SeaIce was made; make a new one"
             )
         currents = (np.asarray(of)[..., -1, vs.tau] for of in (vs.u, vs.v))
         model.ocean.u[:], model.ocean.v[:] = self.at_cells(*currents)

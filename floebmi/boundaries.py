@@ -188,7 +188,7 @@ def build_walls(
         for name in ("mass", "damping") if wall.normal_stress is None else ():
             if getattr(wall, name) != Wall._field_defaults[name]:
                 raise InputError(
-                    f"wall.{name} = {getattr(wall, name)!r}: is of a loaded wall; give it a normal_stress, or leave it out"
+                    f"wall.{name} = {getattr(wall, name)!r}: applies only to a loaded wall; give it a normal_stress, or leave it out"
                 )
         listed[wall.edge] = wall
     for edge in EDGES:

@@ -348,7 +348,7 @@ def _projected(
         if wrong.any():
             k = int(wrong.argmax())
             raise InputError(
-                f"{name}: {lon[k]:g}, {lat[k]:g} are no longitude and latitude, which they must be where the domain has a"
+                f"{name}: {lon[k]:g}, {lat[k]:g} are not longitude and latitude, as they must be if the domain has a"
                 " projection"
             )
         for ring in shapely.get_rings(shapely.get_parts(geometry)):

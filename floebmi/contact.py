@@ -181,8 +181,8 @@ def check_contact(contact: Contact | None) -> None:
         return
     if type(contact.elastic) is not Elastic:
         raise InputError(
-            f"Contact.elastic = {contact.elastic!r}: must be of the kind Elastic; steps, bonds, walls and the books of energy "
-            "are those of its linear spring"
+            f"Contact.elastic = {contact.elastic!r}: must be of the kind Elastic; time step, bonds, walls and energy "
+            "ledger assume its linear spring"
         )
     check_code("Contact", contact)
     if contact.bonds is None:

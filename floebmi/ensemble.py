@@ -331,7 +331,9 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
             )
         return
     if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
+        raise InputError(
+            f"{folder}: exists, and is not the folder of an ensemble; give another place"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     with in_one_go(note) as part:
         part.write_text(text, encoding="utf-8")

@@ -65,7 +65,7 @@ class _Column:
         given = _motion_bits(values) if self.name == "motion" else _numbers(self.name, values)
         if given.shape not in ((), (len(floes),)):
             raise InputError(
-                f"{self.name} has shape {given.shape}: must be one number or {len(floes)} values, one a floe"
+                f"{self.name} has shape {given.shape}: must be one number or {len(floes)} values, one per floe"
             )
         floes._columns[self.name][: len(floes)] = given
 
@@ -238,7 +238,7 @@ class Floes:
         for name, value in values.items():
             _check(name, value, first)
             if name not in self._columns and np.any(value):
-                raise InputError(f"{name} is given for floes that do not rotate; say rotation=True")
+                raise InputError(f"{name} is given for floes that do not rotate; set rotation=True")
         _check_coast(values, first)
         self._reserve(first + k)
         self._n += k
@@ -392,7 +392,9 @@ def _common_length(values: dict[str, np.ndarray]) -> int:
     lengths = {name: len(value) for name, value in values.items() if value.ndim == 1}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise InputError(f"floes: different numbers of values ({told}); must be as many of each")
+        raise InputError(
+            f"floes: different numbers of values ({told}); must be the same number of each"
+        )
     return next(iter(lengths.values()), 1)
 
 

@@ -110,8 +110,8 @@ def scatter(
     x, y, _, left = settle(radius, ground, domain, rng)
     if left.any():
         raise InputError(
-            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room of their own; "
-            "choose less, or smaller floes, or a wider range of sizes"
+            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room; "
+            "choose less ice, smaller floes, or a wider range of sizes"
         )
     order = sort_in_space(x, y, radius) if len(x) else slice(None)
     return Floes(x[order], y[order], radius[order], thickness)
@@ -534,7 +534,7 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
     values = unmasked(values)
     if values.ndim and values.size != grid.size:
         raise InputError(
-            f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"
+            f"{name} has shape {values.shape}; must be one number or {grid.size} values, one per cell"
         )
     return np.broadcast_to(flat(name, values, grid.shape) if values.ndim else values, grid.size)
 

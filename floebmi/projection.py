@@ -110,7 +110,7 @@ def _places(*named: tuple[str, ArrayLike]) -> tuple[np.ndarray, ...]:
         shapes = " and ".join(
             f"{name} {v.shape}" for (name, _), v in zip(named, values, strict=True)
         )
-        raise InputError(f"{shapes}: must be of the same places") from None
+        raise InputError(f"{shapes}: must have shapes that match") from None
 
 
 def _or_nan(values: np.ndarray) -> np.ndarray:

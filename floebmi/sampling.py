@@ -390,7 +390,7 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
     if period != (None, None) and wider:
         raise InputError(
             f"period = {period} is shorter than the grid ({east - west:g} × {north - south:g} m):"
-            " a floe would be seen by two cells at one place"
+            " a floe would overlap two cells at one place"
         )
     return float(period[0] or 0.0), float(period[1] or 0.0)
 
@@ -433,7 +433,7 @@ def check_images(grid: Grid, period: Period) -> None:
             if twice.any():
                 raise InputError(
                     f"cell {cell[twice][0]} of {grid!r} lies on the grid's own image, a period = {period} away: a"
-                    " floe would be seen by two cells at one place"
+                    " floe would overlap two cells at one place"
                 )
 
 

@@ -239,7 +239,7 @@ class CoastTable(Table):
             raise InputError("give either file or geojson")
         idle = self.model_fields_set - {"file", "geojson", "radius", "thickness"}
         if self.file is None and idle:
-            raise InputError(f"{min(idle)} is about a file, not about geojson: leave it out")
+            raise InputError(f"{min(idle)} applies to file, not to geojson: leave it out")
         return self
 
 
@@ -329,7 +329,7 @@ class FluidTable(Table):
         if self.file is None:
             idle = self.model_fields_set - {"velocity", "drag", "grid", "layer_thickness"}
             if idle:
-                raise InputError(f"{min(idle)} is about a file: give file, or leave it out")
+                raise InputError(f"{min(idle)} applies to a file: give file, or leave it out")
         return self
 
 

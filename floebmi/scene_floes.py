@@ -236,7 +236,7 @@ class FromField(Group):
         for name, of_file in (("thickness_of", self.thickness_of != "auto"), ("units", self.units)):
             if isinstance(self.thickness, float) and of_file:
                 raise InputError(
-                    f"{name} is about a thickness in the file, not about thickness = {self.thickness:g} of all floes:"
+                    f"{name} applies to a thickness in the file, not to thickness = {self.thickness:g} of all floes:"
                     " leave one of the two out"
                 )
         return self

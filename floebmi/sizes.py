@@ -210,7 +210,7 @@ def check_sizes(sizes: Sizes) -> None:
         if falls.size:
             k = int(falls[0])
             raise InputError(
-                f"{name}.edges[{k}] = {edges[k]:g} m; must be greater than 0, and rise"
+                f"{name}.edges[{k}] = {edges[k]:g} m; must be greater than 0, and increase"
             )
         if counts.min() < 0 or counts.sum() == 0:
             k = int(counts.argmin())
@@ -255,7 +255,9 @@ def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
         raise InputError(f"{path}: empty; must have a header line")
     header = lines[0][1]
     if len(header) == 1 and (other := re.search(r"[;\t]", header[0])):
-        raise InputError(f"{path}: its columns are parted by {other[0]!r}; must be by commas")
+        raise InputError(
+            f"{path}: its columns are separated by {other[0]!r}; must be separated by commas"
+        )
     return lines
 
 
@@ -286,7 +288,7 @@ def from_file(path: str | Path) -> Histogram | Empirical:
         )
     if len(header) == 2 and re.search(r"radi(us|i)|edge", header[1].lower()):
         raise InputError(
-            f"{path}: column {header[1].strip()!r}: must be counts, behind the edges of the bins"
+            f"{path}: column {header[1].strip()!r}: must be counts, after the edges of the bins"
         )
     columns: list[list[float]] = [[] for _ in header]
     last = rows[-1][0]

@@ -81,7 +81,9 @@ def run(
         if name not in table:
             make(kind, {name: None})  # says what is allowed
         if len(set(several)) < len(several) or not several:
-            raise InputError(f"{kind.__name__}.{name} = {several}: each value once, at least one")
+            raise InputError(
+                f"{kind.__name__}.{name} = {several}: must be one or more different values"
+            )
         if name in TIMES and len(several) > 1:
             raise InputError(
                 f"{kind.__name__}.{name} = {several}: must be one value, since all members of a file share its times"

@@ -90,7 +90,9 @@ def make_figure(
     """
     if kind is not KINDS[number]:
         right = KINDS[number].__name__.lower()
-        raise InputError(f"figure {number}: is of the other experiment; floebmi experiment {right}")
+        raise InputError(
+            f"figure {number}: belongs to the other experiment; use floebmi experiment {right}"
+        )
     to = Path(f"figure-{number}.png") if to is None else path_of("to", to)
     if to.suffix not in (".png", ".pdf", ".svg"):
         raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
@@ -131,7 +133,7 @@ def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
     for name in swept:
         if len(values.get(name, swept[name])) < 2:
             raise InputError(
-                f"{name}: figure {number} is of several values of it; give two or more"
+                f"{name}: figure {number} shows several values of it; give two or more"
             )
     made = {}
     for model, laws in models.items():
