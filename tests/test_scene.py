@@ -151,7 +151,7 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ("[time]\n[time]", "not valid TOML: Cannot declare"),
         ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: radius of the floe [m]"),
         ("[ocean]\nvelocity = [1, 2]\nfile = 'a'", "[ocean] velocity and file exclude each other"),
-        ("[ocean]\nvariables = ['uo', 'vo']", "[ocean] variables is about a file"),
+        ("[ocean]\nvariables = ['uo', 'vo']", "[ocean] variables applies to a file"),
         ("[ocean]\nfile = 'no.nc'", "no.nc"),
         ("[coriolis]", "[coriolis] give either parameter or latitude"),
         ("[contact]\nmodel = 'frictional'\nfriction = -1", "[contact] friction = -1: must be at least 0"),
