@@ -81,7 +81,8 @@ class BodyForce(NamedTuple):
 
     Parameters
     ----------
-    x, y : acceleration along x and y [m/s²]
+    x : acceleration along x [m/s²]
+    y : acceleration along y [m/s²]
     """
 
     x: float = 0.0

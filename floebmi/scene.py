@@ -91,7 +91,9 @@ class DomainTable(_Domain):
 
     x: Pair = Field(description="west and east edge [m]")
     y: Pair = Field(description="south and north edge [m]")
-    edges: Edge | None = Field(None, description="one behaviour for all four edges")
+    edges: Edge | None = Field(
+        None, description="one behaviour for all four edges, instead of west, east, south and north"
+    )
     projection: str | None = Field(
         None,
         description="map projection of x and y, for data in longitude and latitude: 'EPSG:3413', '+proj=laea …'",
@@ -491,7 +493,7 @@ class Scene(Table):
     )
     domain: DomainTable = Field(description="the rectangle in which the floes move")
     grid: GridTable | None = Field(
-        None, description="exchange grid between the ice and ocean and atmosphere"
+        None, description="exchange grid between the ice, the ocean and the atmosphere"
     )
     ice: Ice = Field(Ice(), description="material properties of the ice")
     floes: list[GroupTable] = Field([], description="groups of floes, [floes] or [[floes]]")

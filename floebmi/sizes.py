@@ -31,7 +31,8 @@ class PowerLaw(NamedTuple):
 
     Parameters
     ----------
-    radius_min, radius_max : smallest and largest radius [m]
+    radius_min : smallest radius [m]
+    radius_max : largest radius [m]
     exponent : exponent of the number density [1]; the cumulative number of larger floes has exponent + 1.  The
         default is that of doi:10.1029/2018MS001299.
     """
@@ -76,7 +77,8 @@ class UniformSize(NamedTuple):
 
     Parameters
     ----------
-    radius_min, radius_max : smallest and largest radius [m]
+    radius_min : smallest radius [m]
+    radius_max : largest radius [m]
     """
 
     radius_min: Positive
