@@ -1,4 +1,4 @@
-"""The cells of a grid, out of what BMI says about its nodes; what it does not say is not invented (see `coupling.driver`)."""
+"""The cells of a grid, derived from what BMI says about its nodes; what BMI leaves open is not guessed (see `coupling.driver`)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from floebmi.grid import Grid
 
 
 def bmi_grid(model: Bmi, name: str) -> Grid:
-    """The cells [m] on which a BMI variable lives, as far as BMI tells them (add a mask with `with_wet`).
+    """The grid of cells [m] of a BMI variable, as far as BMI describes it (add a mask with `with_wet`).
 
     Raises
     ------
     InputError
-        where they do not follow from what BMI tells.
+        if the cells do not follow from the BMI description.
     """
     number, location = model.get_var_grid(name), model.get_var_location(name)
     return grid_of(told_of(model, number, location), number, location, name)
 
 
 def told_of(model: Bmi, number: int, location: str) -> dict[str, Any]:
-    """Everything that BMI says about a grid and that cells are made of."""
+    """Everything in the BMI description of a grid from which its cells are derived."""
     kind = model.get_grid_type(number)
     told: dict[str, Any] = {"type": kind, "size": model.get_grid_size(number)}
     if kind in ("uniform_rectilinear", "rectilinear", "structured_quadrilateral"):
@@ -57,7 +57,7 @@ def told_of(model: Bmi, number: int, location: str) -> dict[str, Any]:
 
 
 def digest(told: Mapping[str, Any]) -> str:
-    """Of what BMI says: another grid, another text."""
+    """Checksum of the BMI description of a grid."""
     found = hashlib.sha256()
     for name, value in told.items():
         found.update(name.encode())
@@ -66,7 +66,7 @@ def digest(told: Mapping[str, Any]) -> str:
 
 
 def grid_of(told: Mapping[str, Any], number: int, location: str, of: str) -> Grid:
-    """Cells out of what BMI says; refuses to invent what it does not."""
+    """Cells from the BMI description; refuses a grid that it does not determine."""
     kind = told["type"]
     unclear = (
         f"couple: grid {number} of {of} ({kind}, location {location}): BMI does not tell its cells;"
@@ -101,14 +101,14 @@ def grid_of(told: Mapping[str, Any], number: int, location: str, of: str) -> Gri
 
 
 def _between(x: np.ndarray, y: np.ndarray) -> Grid:
-    """Cells between edges that may fall, as those of rows from north to south do: cells keep the host's order."""
+    """Cells between edges that may decrease, as for rows from north to south; the cells keep the host's order."""
     if x[0] < x[-1] and y[0] < y[-1]:
         return Grid.rectilinear(x, y)
     return Grid.curvilinear(*np.meshgrid(x, y))
 
 
 def _even_edges(centres: np.ndarray) -> np.ndarray | None:
-    """Edges around evenly spaced centres; None if uneven: then more than one set of edges would fit."""
+    """Edges around evenly spaced centres; None if the spacing is uneven, for then the edges are not determined."""
     if centres.size < 2:
         return None
     step = np.diff(centres)

@@ -1,18 +1,19 @@
-"""Sea-ice floes as a Landlab component: on Landlab's cells, through Landlab's fields.
+"""Sea-ice floes as a Landlab component, on Landlab's cells and with Landlab's fields.
 
-The exchange grid is the host's own: one cell polygon per perimeter-interior node, with Landlab's corners, so that
-the sum over nodes of `area_of_cell` × area fraction is the area of the floes, to round-off, and the sum of
-`area_of_cell` × stress is the force on them.  Values stand at `node`; perimeter nodes have no cell, their outputs
-are 0 and their inputs are not read.  Nodes whose status is "closed" are land: no water and no drag there.
+The exchange grid is Landlab's own: one polygonal cell per interior node, with Landlab's corners, so that the
+sum over nodes of `area_of_cell` × area fraction equals the area of the floes to round-off, and the sum of
+`area_of_cell` × stress equals the force that they exert on the water.  Values are at `node`; perimeter nodes have no cell, their outputs
+are 0 and their inputs are not read.  Nodes whose status is "closed" are land, without water and drag.
 
-Landlab models keep water velocity on links, as one component along each link.  Bring it to nodes before each step,
+Landlab models have water velocity on links, as one component along each link.  Map it to nodes before each step,
 for instance with Landlab's own mapper,
 
     u, v = grid.map_link_vector_components_to_node(grid.at_link["surface_water__velocity"])
 
-and never keep the arrays: components replace fields by new ones.  This one looks its inputs up at each step.
+and do not keep references to the arrays: components may replace fields by new ones.  This component looks its inputs
+up at each step.
 
-What is not read is not passed over: a field of the table that the laws do not read and that is not zero is refused.
+An input field that the model's laws do not read must be zero: one that is not is refused rather than ignored.
 """
 
 from __future__ import annotations
@@ -60,24 +61,24 @@ _OF_FLOES = tuple(row for row in FLOE_VARIABLES if row.intent == "restart")
 
 
 def cells_of(grid: ModelGrid) -> Grid:
-    """The cells of a Landlab grid as an exchange grid, in Landlab's order; closed nodes are dry.
+    """The cells of a Landlab grid as an exchange grid, in Landlab's order; cells of closed nodes are dry.
 
     Parameters
     ----------
-    grid : Raster, Hex, Radial, Voronoi or FramedVoronoi
+    grid : Raster, Hex, Radial, Voronoi or FramedVoronoi grid of Landlab
 
     Raises
     ------
     InputError
-        (a ValueError) for networks and globes, whose cells are no polygons in a plane, for grids without cells, and
-        for a grid that says that its axes are in another unit than metres.
+        (a ValueError) for networks and global grids, whose cells are not polygons in a plane, for grids without cells, and
+        for a grid whose axes are stated to be in another unit than metres.
     """
     if not isinstance(grid, _FLAT):
         names = ", ".join(kind.__name__ for kind in _FLAT)
         raise InputError(f"{type(grid).__name__}: has no cells in a plane; must be one of {names}")
     if not grid.number_of_cells:
         raise InputError(
-            f"{type(grid).__name__}: has no cells; must have nodes that others surround"
+            f"{type(grid).__name__}: has no cells; must have nodes inside its perimeter"
         )
     for told in grid.axis_units:
         if told != "-" and not _is_in(told, "m"):  # "-": nobody told it
@@ -89,7 +90,7 @@ def cells_of(grid: ModelGrid) -> Grid:
 
 
 def _is_in(told: str, units: str) -> bool:
-    """Whether the unit that a grid tells ("?" where nobody told it, "-" for a bare number) is this one."""
+    """Whether the unit that a grid states ("?" if unknown, "-" for a dimensionless number) is this one."""
     if told in (units, "?", "") or (told == "-" and units == "1"):
         return True
     import cf_units
@@ -116,48 +117,48 @@ class SeaIceFloes(Component):
     """Sea-ice floes as discrete elements that float on the water of other components.
 
     Floes drift with wind and water, collide, rub and jam (Damsgaard, Adcroft & Sergienko 2018,
-    doi:10.1029/2018MS001299).  Water velocity, wind, slope of the sea surface and Coriolis parameter are read at
-    nodes; concentration, thickness, velocity, internal stress and what the ice exerts on the water are written there.
+    doi:10.1029/2018MS001299).  Water velocity, wind, sea-surface slope and Coriolis parameter are read at
+    nodes; concentration, thickness, velocity, internal stress and the stress of the ice on the water are written there.
 
-    Floes come from `floes`, from a scene file, from `concentration`, or, if none is given, from the fields
-    `sea_ice__area_fraction` and `sea_ice__thickness` where the grid has them.  With nothing but a grid there is no
-    ice, and inputs that the grid lacks are made and are zero.
+    Floes come from `floes`, from a scene file, from `concentration`, or, if none of these is given, from the fields
+    `sea_ice__area_fraction` and `sea_ice__thickness` if the grid has them.  Without any of these there is no
+    ice.  Input fields that the grid lacks are created, with zeros.
 
     Parameters
     ----------
     grid : ModelGrid
         Raster, Hex, Radial, Voronoi or FramedVoronoi.
     floes : Floes, optional
-        The ice, at places in the coordinates of the grid.
+        The floes, in the coordinates of the grid.
     scene : path, optional
-        A scene file or packaged scene: its domain, floes, laws and walls, on this grid's cells.
+        A scene file or packaged scene, whose domain, floes, laws and walls are used on this grid's cells.
     concentration : float, optional
-        Share of the domain that floes at random places cover [1].
+        Fraction of the domain to cover with floes at random places [1].
     thickness : float
-        Of floes that `concentration` asks for [m].
+        Thickness of floes made from `concentration` [m].
     sizes : (smallest, largest) or a size distribution, optional
-        Radii [m] of floes that are made from a concentration or from fields.
+        Radii [m] of floes made from a concentration or from fields.
     contact : Contact, optional
-        The contact law; `floebmi.frictional()` if not given.
+        Contact law; default: `floebmi.frictional()`.
     forces : sequence of forces, optional
-        Drag of water and air, tilt and Coriolis, read from fields, if not given.
+        Default: drag of water and air, tilt and Coriolis, read from fields.
     edges : str
-        What the rim of the domain does: "inactive" (floes leave), "closed" (a wall), or "periodic" (floes come in
-        on the other side).  Looped sides of a raster are periodic in any case.
+        What happens at the edges of the domain: "inactive" (floes leave), "closed" (a wall), or "periodic" (floes
+        re-enter on the other side).  Looped sides of a raster are periodic in any case.
     domain : Domain, optional
-        In place of the box around the cells; periodic where the grid is looped.
+        Domain to use instead of the box around the cells; must be periodic where the grid is looped.
     coast : Coast, optional
-        Land that floes cannot pass; cells with their centre on it are dry.
+        Land that floes cannot cross; cells whose centre is on it are dry.
     seed : int
-        Of random places.
+        Seed of the random places.
     rescue : path, optional
-        Where the state is saved if a step fails.
+        File to which the state is saved if a step fails.
 
     Raises
     ------
     InputError
-        A ValueError of one line: grids without cells, axes or fields that are told to be in other units, more than
-        one source of floes, arguments that nothing would read, numbers that cannot be.
+        (a ValueError) with a message of one line, for grids without cells, axes or fields stated to be in other units,
+        more than one source of floes, arguments that would have no effect, and invalid numbers.
 
     Examples
     --------
@@ -177,7 +178,7 @@ class SeaIceFloes(Component):
     ...     ice.run_one_step(600.0)
     ...
 
-    Area is conserved cell by cell, and what the water lost the ice has gained.
+    Area is conserved, and the ice has gained the momentum that the water lost.
 
     >>> fraction = grid.at_node["sea_ice__area_fraction"][grid.node_at_cell]
     >>> bool(np.isclose((fraction * grid.area_of_cell).sum(), floes.area.sum(), rtol=1e-12))
@@ -189,7 +190,7 @@ class SeaIceFloes(Component):
     >>> ice.ledger[-1].relative < 1e-12
     True
 
-    The floes one by one, as a DataRecord; each is at the cell of its centre.
+    The individual floes as a DataRecord; each is at the cell that contains its centre.
 
     >>> record = ice.data_record
     >>> record.dataset["element_id"].values.ravel().tolist()
@@ -248,7 +249,7 @@ class SeaIceFloes(Component):
             raise InputError(f"SeaIceFloes: coast = {coast!r}: must be a Coast, or None")
         if not (concentration is not None or (is_number(thickness) and thickness == 1.0)):
             raise InputError(
-                f"SeaIceFloes: thickness = {thickness!r} is of floes that a concentration asks for: give one, or"
+                f"SeaIceFloes: thickness = {thickness!r} applies to floes made from a concentration: give one, or"
                 " leave it out"
             )
         if floes is not None and sizes is not None:
@@ -304,7 +305,7 @@ class SeaIceFloes(Component):
         coast: Coast | None,
         seed: int,
     ) -> Floes:
-        """Floes from a number, or from the grid's own fields if it has them."""
+        """Floes from a concentration, or from the grid's own fields if it has them."""
         fields = self._grid.at_node
         there = [name for name in (FRACTION, THICKNESS) if name in fields]
         if concentration is None and len(there) == 1:
@@ -332,13 +333,13 @@ class SeaIceFloes(Component):
     # ---- stepping ----------------------------------------------------------------------------------
 
     def run_one_step(self, dt: float) -> None:
-        """Advance by `dt` seconds as one exchange, at least 0: read the inputs, move the ice, write the outputs.
+        """Advance by `dt` ≥ 0 seconds as one exchange: read the inputs, move the ice, write the outputs.
 
         Raises
         ------
         InputError
-            One line: an input that is not finite on a wet cell (field, node and time), a grid that is no
-            more what it was, a step backwards.  The component is then as before; its state is in `rescue`.
+            For an input that is not finite on a wet cell (naming field, node and time), a grid that has
+            changed, or a negative `dt`.  The component is then as before the call, and its state is saved in `rescue`.
         """
         try:
             with self._books.unchanged_on_failure(self._rescue):
@@ -352,7 +353,7 @@ class SeaIceFloes(Component):
             raise InputError(f"run_one_step: dt = {dt!r}: must be a number of seconds, at least 0")
         if _digest(self._grid) != self._known_grid:
             raise InputError(
-                "run_one_step: corners or boundary status of the grid are not what they were when"
+                "run_one_step: corners or boundary status of the grid have changed since"
                 " SeaIceFloes was made; make a new one"
             )
         self._check_outputs("run_one_step")
@@ -389,7 +390,7 @@ class SeaIceFloes(Component):
                 )
 
     def _check_outputs(self, what: str) -> None:
-        """InputError for a field that is not there to be written, or is of whole numbers, which would cut it."""
+        """Raise InputError for an output field that is missing, or is of integers, which would truncate it."""
         for row in _OUTPUTS:
             if row.csdms not in self._grid.at_node:
                 raise InputError(
@@ -412,7 +413,7 @@ class SeaIceFloes(Component):
                 array[node] = fields[row.name] * (self._stretch if is_per_area(row.csdms) else 1.0)
 
     def _impulse(self) -> np.ndarray:
-        """What the fields say that the water has got since the start, per area: (cells, 2) [Pa s]."""
+        """Impulse per area that the water has received since the start, from the fields: (cells, 2) [Pa s]."""
         names = (find("ocean_impulse_x").csdms, find("ocean_impulse_y").csdms)
         node = self._grid.node_at_cell
         return np.stack([self._grid.at_node[name][node] for name in names], axis=1)
@@ -421,28 +422,28 @@ class SeaIceFloes(Component):
 
     @property
     def model(self) -> Model:
-        """The model behind."""
+        """The underlying `Model`."""
         return self._model
 
     @property
     def ledger(self) -> list[Exchange]:
-        """One line of the momentum ledger per step, in cells of Landlab."""
+        """The momentum ledger on Landlab's cells, one line per step."""
         return self._ledger
 
     @property
     def area_outside(self) -> float:
-        """Area of floes (or parts of them) that lie in no cell [m²]."""
+        """Area of floes, or parts of floes, outside all cells [m²]."""
         return area_budget(self._model.grid, self._model.coverage()).outside
 
     @property
     def mass_outside(self) -> float:
-        """Mass of the ice that lies in no cell [kg]."""
+        """Mass of the ice outside all cells [kg]."""
         model = self._model
         return float(model.ice_density * (model.coverage().outside @ model.floes.thickness))
 
     @property
     def data_record(self) -> DataRecord:
-        """The floes as they are now, one item each, at the cell that holds its centre (-1: none)."""
+        """The floes as they are now, one item per floe, at the cell that contains its centre (-1: none)."""
         model, floes = self._model, self._model.floes
         ice = np.flatnonzero(~floes.land)
         cell = model.grid.locate(floes.x[ice], floes.y[ice])
@@ -463,11 +464,11 @@ class SeaIceFloes(Component):
     # ---- restart -----------------------------------------------------------------------------------
 
     def save_state(self, path: str | Path) -> None:
-        """Save all that `load_state` needs to go on with the same bits."""
+        """Save a restart file with all that `load_state` needs for a bit-identical continuation."""
         self._books.save(path)
 
     def load_state(self, path: str | Path) -> None:
-        """Take up a state that `save_state` or a failed step wrote, of the same grid and laws."""
+        """Load a state that `save_state` or a failed step wrote, for the same grid and laws."""
         self._check_outputs("load_state")
         self._books.load(path)
         self._show()
@@ -475,7 +476,7 @@ class SeaIceFloes(Component):
 
 
 def _of_scene(scene: str | Path, cells: Grid) -> Model:
-    """The model of a scene, with other cells."""
+    """The model of a scene, on other cells."""
     read = read_scene(scene)
     own = read.build()
     model, water = own.model, own.model.ocean
@@ -505,12 +506,12 @@ def _of_scene(scene: str | Path, cells: Grid) -> Model:
 
 
 def _without(cells: Grid, land: list[np.ndarray], domain: Domain) -> Grid:
-    """Cells whose centre is on land are dry."""
+    """The grid with cells dry whose centre is on land."""
     return cells.with_wet(cells.wet & ~on_land(land, cells.x, cells.y, domain)) if land else cells
 
 
 def _box(grid: ModelGrid, cells: Grid, edges: str) -> Domain:
-    """Around the cells, but not beyond the nodes: rim cells of a Voronoi grid can reach very far."""
+    """The box around the cells, but not beyond the nodes: rim cells of a Voronoi grid can extend very far."""
     west, east, south, north = cells.bounds
     x, y = grid.x_of_node, grid.y_of_node
     along_x, along_y = ("periodic" if looped else edges for looped in _looped(grid))
@@ -522,7 +523,7 @@ def _box(grid: ModelGrid, cells: Grid, edges: str) -> Domain:
 
 
 def _looped(grid: ModelGrid) -> tuple[bool, bool]:
-    """Whether the west and east side, and the south and north side, are each other's images.
+    """Whether the west and east sides, and the south and north sides, are periodic images of each other.
 
     Landlab links a looped node to the first one inside the other side, so the cells make up one period.
     """
@@ -540,7 +541,7 @@ def _looped(grid: ModelGrid) -> tuple[bool, bool]:
 
 
 def _check_looped(grid: ModelGrid, domain: Domain) -> None:
-    """InputError if the grid is looped where the domain is not periodic, or the period is another."""
+    """Raise InputError if the grid is looped where the domain is not periodic, or the periods differ."""
     own = _box(grid, cells_of(grid), "inactive")
     for axis, wanted, length in zip("xy", own.period, domain.period, strict=True):
         if wanted is not None and (length is None or not math.isclose(length, wanted)):
@@ -551,7 +552,7 @@ def _check_looped(grid: ModelGrid, domain: Domain) -> None:
 
 
 def _check_units(grid: ModelGrid, what: str) -> None:
-    """InputError for a field whose numbers, as the grid tells, are in another unit than this component counts in."""
+    """Raise InputError for a field that the grid states to be in another unit than this component uses."""
     told = grid.at_node.units
     for row in (*_INPUTS, *_OUTPUTS):
         if row.csdms in grid.at_node and not _is_in(told[row.csdms], row.units):
@@ -561,7 +562,7 @@ def _check_units(grid: ModelGrid, what: str) -> None:
 
 
 def _refuse_elsewhere(grid: ModelGrid, name: str) -> None:
-    """InputError for an input that is there, but not at nodes: it would not be read."""
+    """Raise InputError for an input field that exists, but not at nodes: it would not be read."""
     for element in sorted(grid.groups - {"node"}):
         if grid.has_field(name, at=element):
             raise InputError(f"{name}: is at {element}; must be at node, where it is read")

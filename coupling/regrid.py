@@ -1,41 +1,40 @@
-"""From the host's cells to the exchange grid's cells and back, without losing or inventing anything.
+"""Conservative regridding between the host's cells and the cells of the exchange grid.
 
-One matrix is used both ways: S, the area that target cell i and source cell j have in common [m²].  With
-r_i = Σ_j S_ij (over wet source cells) and areas A_i (target), A_j (source),
+One matrix serves both directions: S, the area of overlap of target cell i and source cell j [m²].  With
+r_i = Σ_j S_ij (over wet source cells) and cell areas A_i (target), A_j (source),
 
     state   f_i = Σ_j S_ij f_j / r_i                      source → target, the mean is kept
     flux    F_j = Σ_i S_ij q_i (A_i / r_i) / A_j          target → source, the integral is kept
                                                                         (eq. regrid-state, eq. regrid-flux)
 
-Target cells that are wholly covered have r_i = A_i, and the flux is Sᵀ q / A_j.  The two are each other's
-transpose with respect to cell areas: Σ_j A_j F_j g_j = Σ_i A_i q_i (S g / r)_i for any g, so the work that a
-stress does is the same on both grids.  They are not the same scaling of S: what most regridders call
-"conservative" is the state, and a flux sent through it loses its integral.  Where a target cell is covered in
-part, the word after `normalisation` says what is meant:
+A target cell that is completely covered has r_i = A_i, and the flux is then Sᵀ q / A_j.  The two operators are
+transposes of each other with respect to cell areas: Σ_j A_j F_j g_j = Σ_i A_i q_i (S g / r)_i for any g, so a stress
+does the same work on both grids.  They scale S differently: what most regridders call "conservative" is the state,
+and a flux regridded that way loses its integral.  For target cells that are only partly covered, `normalisation` is
 
-    "fraction"           divide by r_i: the mean over what is covered; the flux delivers all of A_i q_i there
-    "destination_area"   divide by A_i: what is not covered counts as zero; its share of the flux is not given
+    "fraction"           divide by r_i: the mean over the covered part; the flux delivers all of A_i q_i there
+    "destination_area"   divide by A_i: the uncovered part counts as zero; its share of the flux is not delivered
 
-Round-off in the overlaps does not matter to either property: both use the row sums of the very same S.
+Round-off in the overlaps affects neither property, since both operators use the row sums of the same S.
 
-How overlaps are found.  Two rectilinear grids: the product of one-dimensional overlaps, exact and cheap.
-All other pairs: shapely's STRtree and its polygon intersection, any polygons, concave too (36 000 overlaps of
-warped quadrilaterals in 0.6 s, rows exact to 1e-14).  numba_celltree finds the same areas in 0.05 s, but
-compiles for 30 s when first used, takes convex cells only and returns no shapes; weights are made once and
-can be saved.  xugrid is a layer over it.  On the sphere one needs the shapes.  YAC would serve, but needs an
-MPI library and ends the process on an error: it is the second opinion in the tests (agreement 5e-13).
+How overlaps are computed.  For two rectilinear grids: as the product of one-dimensional overlaps, exact and cheap.
+For all others: with shapely's STRtree and polygon intersection, for any polygons, concave ones too (36 000 overlaps of
+warped quadrilaterals in 0.6 s, rows exact to 1e-14).  numba_celltree computes the same areas in 0.05 s, but
+compiles for 30 s at first use, takes convex cells only and returns no shapes, which are needed on the sphere; weights
+are computed once and can be saved.  xugrid is a layer over it.  YAC could do it too, but needs an MPI library and ends
+the process on an error; the tests compare with it (agreement 5e-13).
 
 On the sphere (`surface="sphere"`) a grid's x and y are longitude and latitude [degrees].  Edges of rectilinear
-grids are meridians and parallels, edges of all other grids are great circles.  Two rectilinear grids are
-exact again (in longitude and sine of latitude).  Otherwise the cells are drawn in the gnomonic plane about the
-target's middle, where great circles are straight lines, cut there, and the pieces are measured on the
-sphere; so great-circle cells are exact to round-off, the poles are ordinary places, and longitudes may be
-counted from any meridian.  In such a mixed pair a parallel is cut into 16 arcs (half a metre off for cells of
-one degree), and cell areas are those of the cells so drawn.  The target must fit into a cap of 60 degrees about
-its middle; for global targets use a coupler.
+grids are meridians and parallels, edges of all other grids are great circles.  For two rectilinear grids the overlaps
+are again exact (in longitude and sine of latitude).  Otherwise the cells are drawn and intersected in the gnomonic
+projection about the target's centre, where great circles are straight lines, and the pieces are measured on the
+sphere.  So great-circle cells are exact to round-off, the poles need no special treatment, and longitudes may be
+counted from any meridian.  In such a mixed pair a parallel is divided into 16 arcs (an error of half a metre for cells of
+one degree), and cell areas are those of the cells drawn this way.  The target must lie within 60 degrees of
+its centre; for global targets use a coupler.
 
-A host on the sphere and ice in a plane: `project` its cells into the plane, and give `source_area` as the
-host counts it, so that the force in newtons is kept although the plane stretches areas.
+For a host on the sphere and ice in a plane, `project` the host's cells into the plane and give `source_area` as the
+host counts it, so that the force in newtons is conserved although the projection distorts areas.
 """
 
 from __future__ import annotations
@@ -78,25 +77,25 @@ class Regrid:
     ----------
     source, target : grids; dry cells (`wet` False) take no part
     surface : "plane", x and y in metres in the same plane; or "sphere", longitude and latitude in degrees
-    radius : of the sphere [m]
-    source_area : (source.size,) the cell areas as the host counts them [m²], if they are not those of the
-        grid as it is drawn here; they divide the flux.  What stands on dry cells is not looked at
+    radius : radius of the sphere [m]
+    source_area : (source.size,) the cell areas that the host uses [m²], if they differ from those of the
+        grid as drawn here; they divide the flux.  Values on dry cells are ignored
 
     Attributes
     ----------
     overlap : S, sparse CSR (target.size, source.size) [m²], wet cells only
     source_area, target_area : cell areas [m²]
-    covered : (target.size,) share of each target cell that wet source cells cover, 0 on dry cells
+    covered : (target.size,) fraction of each target cell that wet source cells cover [1], 0 on dry cells
     uncovered : numbers of the wet target cells that no wet source cell touches
 
     Raises
     ------
     InputError
-        for what are no grids, grids that do not meet, sources whose wet cells are smaller, all together, than a target cell that they meet (in
-        degrees or kilometres), wet cells that lie on each other (a halo), areas of a wrong size, latitudes
-        beyond 90 degrees, a target that reaches more than 60 degrees from its middle, a source cell that is
-        more than 20 degrees wide (two rectilinear grids may do both),
-        a radius that is not greater than 0.
+        for anything that is not a Grid, grids that do not overlap, a source whose wet cells together are smaller than a
+        target cell that they overlap (units are then probably degrees or kilometres), wet cells that overlap each other
+        (a halo), areas of a wrong size, latitudes beyond 90 degrees, a target that reaches more than 60 degrees from its
+        centre, a source cell more than 20 degrees wide (two rectilinear grids may do both),
+        and a radius that is not greater than 0.
 
     Examples
     --------
@@ -162,9 +161,9 @@ class Regrid:
 
     @functools.cached_property
     def reverse(self) -> Regrid:
-        """The exchange with source and target changed over, from the same overlaps.
+        """The regridding with source and target exchanged, from the same overlaps.
 
-        Its `state` takes an ice field to the host (area fraction: normalisation "destination_area").
+        Its `state` takes an ice field to the host (for the area fraction use normalisation "destination_area").
         """
         other = object.__new__(Regrid)
         other._assemble(
@@ -176,13 +175,13 @@ class Regrid:
     def state(
         self, values: np.ndarray, normalisation: Normalisation = "fraction", empty: float = 0.0
     ) -> np.ndarray:
-        """A state (velocity, tilt, temperature, concentration) from source to target; keeps the mean.
+        """Regrid a state (velocity, tilt, temperature, concentration) from source to target, conserving the mean.
 
         Parameters
         ----------
-        values : (source.size,); what stands on dry cells is not looked at
+        values : (source.size,); values on dry cells are ignored
         normalisation : "fraction", mean over the covered part; "destination_area", mean over the whole cell
-        empty : value of target cells that are dry or not covered
+        empty : value for target cells that are dry or not covered
 
         Returns
         -------
@@ -191,7 +190,7 @@ class Regrid:
         Raises
         ------
         InputError
-            for a wrong size, a value on a wet cell that is not finite, or an `empty` that is not one number.
+            for a wrong size, a value on a wet cell that is not finite, or an `empty` that is not a single number.
         """
         values = self._check(values, self.source, self._used, "source")
         scale = self._scale(normalisation)
@@ -200,12 +199,12 @@ class Regrid:
         return np.where(self._row_sum > 0, (self.overlap @ values) * scale, empty)
 
     def flux(self, values: np.ndarray, normalisation: Normalisation = "fraction") -> np.ndarray:
-        """A flux per area (stress on the ocean, heat) from target back to source; keeps the integral.
+        """Regrid a flux per area (stress on the ocean, heat) from target back to source, conserving the integral.
 
         Parameters
         ----------
         values : (target.size,) per target cell area, for stress N m-2
-        normalisation : the word that the state was taken with, so that work is the same on both grids
+        normalisation : the same as was used for the state, so that work is the same on both grids
 
         Returns
         -------
@@ -224,9 +223,9 @@ class Regrid:
         return (self.overlap.T @ given) / self.source_area
 
     def undelivered(self, values: np.ndarray, normalisation: Normalisation = "fraction") -> float:
-        """The part of Σ values × target_area that `flux` cannot give: no wet source cell is there.
+        """The part of Σ values × target_area that `flux` cannot deliver, because no wet source cell is there.
 
-        For stress [N m-2] it is a force [N].
+        For a stress [N m-2] it is a force [N].
 
         Raises
         ------
@@ -262,16 +261,16 @@ class Regrid:
         return values
 
     def to_netcdf(self, path: str | Path) -> None:
-        """Save the overlaps, so that the next run need not find them.
+        """Save the overlaps as a file of regridding weights, so that the next run need not compute them.
 
-        Names are those of the weight files of ESMF and SCRIP's successors (`S` is normalised by destination
-        area; `row`, `col` from 1; `area_a`, `mask_a`, `frac_a`, and centres and corners of the cells `xc_a` … `yv_a` of
-        the source, `_b` of the target), which other regridders read; `overlap_area` [m²] is what is read back here.
+        The file has the variables of ESMF and SCRIP weight files, which other regridders read: `S`, normalised by
+        destination area; `row`, `col`, counted from 1; `area_a`, `mask_a`, `frac_a`, and centres and corners of the cells
+        `xc_a` … `yv_a` for the source, `_b` for the target.  `from_netcdf` reads the overlaps, `overlap_area` [m²].
 
         Raises
         ------
         InputError
-            for a folder that is not there, or stands in the place of the file.
+            if the folder does not exist, or the path is itself a folder.
         """
         rows = np.repeat(np.arange(self.target.size), np.diff(self.overlap.indptr))
         columns = self.overlap.indices
@@ -321,13 +320,13 @@ class Regrid:
 
     @classmethod
     def from_netcdf(cls, path: str | Path, source: Grid, target: Grid) -> Regrid:
-        """Read what `to_netcdf` saved for these very grids.
+        """Read the overlaps that `to_netcdf` saved for the same grids.
 
         Raises
         ------
         InputError
-            for a file that is not there, damaged or of another kind, and for one made for other grids or other
-            masks (by checksum).
+            for a file that is missing, damaged or of another kind, and for one made for other grids or masks
+            (their checksums are compared).
         """
         import netCDF4
         from scipy.sparse import csr_array
@@ -337,7 +336,9 @@ class Regrid:
         path = path_of("path", path)
         if not path.is_file():
             raise InputError(f"{path}: there is no such file")
-        damaged = InputError(f"{path}: is no NetCDF file, or a damaged one; make the weights anew")
+        damaged = InputError(
+            f"{path}: not a NetCDF file, or a damaged one; compute the weights again"
+        )
         try:
             with netCDF4.Dataset(path) as file:
                 file.set_auto_mask(False)
@@ -378,23 +379,23 @@ class Regrid:
 
 
 def checksum(grid: Grid) -> str:
-    """SHA-256 over the corners of all cells and over the mask: equal grids, equal text."""
+    """SHA-256 of the corners of all cells and of the mask; equal for equal grids."""
     check_grid("grid", grid)
     return digest(np.array(grid.shape), grid.corner_x, grid.corner_y, grid.wet)
 
 
 def project(grid: Grid, projection: str) -> Grid:
-    """A longitude-latitude grid [degrees] as polygons in a plane [m], edges straight between corners.
+    """Project a longitude-latitude grid [degrees] to polygons in a plane [m], with straight edges between corners.
 
-    Neighbours go on sharing their edges, so nothing is counted twice or left out; what changes is that an
-    edge is straight in this plane.  Areas are stretched by the projection: take the host's own ones, or
-    `sphere_area`, as `Regrid(source_area=…)`.  Cells with a side along latitude 90 are triangles where the pole is a
-    point of the plane, and the grid that has some is unstructured, its cells in the same order.
+    Neighbouring cells still share their edges, so nothing is counted twice or left out, but edges are now straight
+    in the plane.  The projection distorts areas: pass the host's own areas, or `sphere_area`, as
+    `Regrid(source_area=…)`.  Cells with a side at latitude 90 become triangles if the pole is a point of the plane;
+    the grid is then unstructured, with its cells in the same order.
 
     Parameters
     ----------
-    grid : x longitude, y latitude [degrees]
-    projection : whatever pyproj reads, "EPSG:3413" or "+proj=laea +lat_0=79 +lon_0=0"
+    grid : grid with x longitude, y latitude [degrees]
+    projection : any projection that pyproj reads, "EPSG:3413" or "+proj=laea +lat_0=79 +lon_0=0"
 
     Returns
     -------
@@ -403,7 +404,7 @@ def project(grid: Grid, projection: str) -> Grid:
     Raises
     ------
     InputError
-        for an unknown projection, or corners that have no place in it.
+        for an unknown projection, or corners that it does not cover.
     """
     check_grid("grid", grid)
     x, y = to_plane(projection, grid.node_x, grid.node_y)
@@ -412,7 +413,7 @@ def project(grid: Grid, projection: str) -> Grid:
         k = outside[0]
         raise InputError(
             f"projection = {projection!r}: corner at longitude {grid.node_x[k]:g}, latitude"
-            f" {grid.node_y[k]:g} has no place in it; cut the grid first"
+            f" {grid.node_y[k]:g} is outside it; cut the grid first"
         )
     pole = np.zeros(x.size, bool)
     for latitude in (-90.0, 90.0):
@@ -426,7 +427,7 @@ def project(grid: Grid, projection: str) -> Grid:
 
 
 def _once_at_poles(faces: np.ndarray, pole: np.ndarray) -> np.ndarray:
-    """Faces padded with -1, of neighbouring corners at a pole (bool of each node) the first alone."""
+    """Faces padded with -1, with only the first of adjacent corners at a pole (bool for each node)."""
     here = (faces >= 0) & pole[faces]
     last = faces[np.arange(len(faces)), (faces >= 0).sum(axis=1) - 1]
     before = np.column_stack([pole[last], here[:, :-1]])
@@ -436,7 +437,7 @@ def _once_at_poles(faces: np.ndarray, pole: np.ndarray) -> np.ndarray:
 
 
 def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:
-    """Areas of longitude-latitude cells [degrees] on the sphere [m²], edges as the module's text says: (size,).
+    """Areas of longitude-latitude cells [degrees] on the sphere [m²], (size,), with edges as in the module's text.
 
     Raises
     ------
@@ -459,14 +460,14 @@ def _check_radius(radius: float) -> None:
 
 
 def _by_area(normalisation: Normalisation) -> bool:
-    """Whether a state is the mean over the whole target cell, not over its covered part."""
+    """Whether the normalisation is by the whole target cell rather than by its covered part."""
     words = ("fraction", "destination_area")
     check_word("regrid: normalisation", normalisation, words)
     return normalisation == "destination_area"
 
 
 def _areas(values: np.ndarray, source: Grid, drawn: np.ndarray) -> np.ndarray:
-    """The host's areas; dry cells, which take no part, have those that were drawn."""
+    """The host's areas; for dry cells, which take no part, those of the grid as drawn."""
     values, wet = unmasked(values), source.wet
     if values.size != wet.size:
         raise InputError(f"regrid: source_area has {values.size} values for {wet.size} cells")
@@ -480,13 +481,13 @@ def _areas(values: np.ndarray, source: Grid, drawn: np.ndarray) -> np.ndarray:
 
 
 def _refuse_doubles(one: str, other: str, covered: np.ndarray) -> None:
-    """A cell that is covered more than once: cells of the other grid lie on each other, as those of a halo do."""
+    """Refuse a cell that is covered more than once: cells of the other grid overlap each other, as in a halo."""
     doubled = np.flatnonzero(covered > 1 + OVER)
     if doubled.size:
         k = doubled[0]
         raise InputError(
             f"regrid: cell {k} of the {one} is covered {covered[k]:.3g} times ({doubled.size} such cells): wet"
-            f" cells of the {other} lie on each other; leave out those that are there twice (a halo, a turn of"
+            f" cells of the {other} overlap each other; leave out the duplicates (a halo, longitudes over"
             " more than 360 degrees), or make them dry"
         )
 
@@ -526,7 +527,7 @@ def _overlaps_plane(source: Grid, target: Grid) -> tuple[csr_array, np.ndarray, 
 def _overlaps_1d(
     source_edges: np.ndarray, target_edges: np.ndarray, length: Callable[..., np.ndarray]
 ) -> csr_array:
-    """Lengths in common (target, source): both sets of edges together cut the axis into pieces."""
+    """Overlaps of intervals on an axis (target, source); the two sets of edges together cut the axis into pieces."""
     from scipy.sparse import csr_array
 
     edges = np.union1d(source_edges, target_edges)
@@ -548,7 +549,7 @@ def _cut(
     target_area: np.ndarray,
     measure: Callable[[np.ndarray], np.ndarray],
 ) -> csr_array:
-    """Areas in common of wet cells given as polygons; None stands for a cell that cannot meet any."""
+    """Areas of overlap of wet cells given as polygons; None stands for a cell that cannot overlap any."""
     import shapely
     from scipy.sparse import csr_array
 
@@ -623,7 +624,7 @@ def _overlaps_sphere(
 
 
 def _sine_difference(north: np.ndarray, south: np.ndarray) -> np.ndarray:
-    """sin north − sin south of latitudes in degrees, with all digits for thin bands."""
+    """sin north − sin south of latitudes in degrees, to full precision for thin bands."""
     north, south = np.radians(north), np.radians(south)
     return 2 * np.cos(0.5 * (north + south)) * np.sin(0.5 * (north - south))
 
@@ -656,7 +657,7 @@ def _ring(grid: Grid) -> np.ndarray:
 
 
 def _axes(ring: np.ndarray) -> np.ndarray:
-    """Two tangent axes and the middle of a set of points on the sphere, as rows."""
+    """Two tangent axes and the centre of a set of points on the sphere, as rows."""
     middle = ring.reshape(-1, 3).mean(axis=0)
     middle /= np.linalg.norm(middle)
     least = np.eye(3)[np.argmin(np.abs(middle))]
@@ -666,7 +667,7 @@ def _axes(ring: np.ndarray) -> np.ndarray:
 
 
 def _gnomonic(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Seen from the sphere's centre onto the tangent plane: great circles become straight lines."""
+    """Gnomonic projection, from the sphere's centre onto the tangent plane: great circles become straight lines."""
     local = points @ axes.T
     return local[..., :2] / local[..., 2:]
 

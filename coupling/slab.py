@@ -1,16 +1,16 @@
-"""Two slabs of water that ice can push: the smallest ocean in which nothing can hide.
+"""A two-slab ocean: the simplest ocean model for testing a coupling.
 
 Each column of cells is a surface slab of thickness H₁ over a deep slab of thickness H₂, with the velocities
-u₁ and u₂.  The ice pushes the upper one, and drag between the slabs hands momentum down:
+u₁ and u₂.  The ice acts on the upper slab, and drag between the slabs transfers momentum downwards:
 
     ρ H₁ ∂u₁/∂t = τ − r        ρ H₂ ∂u₂/∂t = r        r = ρ (k + C |u₁ − u₂|) (u₁ − u₂)    (eq. two-slab)
 
-τ is the stress by ice ON the ocean per cell area [N m-2], positive accelerates the ocean along +x (+y).
-There is no pressure, rotation or advection: the momentum of the whole can change by τ alone, and the model
-says what it is (`…momentum`) and what it was given (`…time_integral…`), so that a coupler can be caught.
+τ is the stress of the ice ON the ocean per cell area [N m-2], positive accelerates the ocean along +x (+y).
+There is no pressure, rotation or advection: the total momentum can change only by τ, and the model outputs
+both the momentum (`…momentum`) and the impulse that it received (`…time_integral…`), so that errors of a coupler show.
 
-The drag is taken implicitly in u₁ − u₂, with |u₁ − u₂| from after the push, so any time step is stable; what
-leaves one slab is what enters the other, so the step conserves momentum to round-off.
+The drag is implicit in u₁ − u₂, with |u₁ − u₂| taken after the stress has acted, so any time step is stable; the
+momentum that leaves one slab enters the other, so the step conserves momentum to round-off.
 
 A configuration file (TOML):
 
@@ -67,7 +67,7 @@ UNITS = {
 
 
 class GridTable(Table):
-    """Where the cells are [m]."""
+    """Extent and spacing of the grid [m]."""
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -75,7 +75,7 @@ class GridTable(Table):
 
 
 class OceanTable(Table):
-    """The water."""
+    """Parameters of the water (units and meaning in the module's text)."""
 
     density: Positive = 1000.0
     surface_thickness: Positive = 10.0
@@ -87,14 +87,14 @@ class OceanTable(Table):
 
 
 class TimeTable(Table):
-    """The clock [s]."""
+    """Time step and end time [s]."""
 
     step: Positive = 600.0
     end: Positive = sys.float_info.max
 
 
 class Settings(Table):
-    """A configuration file."""
+    """Contents of a configuration file."""
 
     grid: GridTable
     ocean: OceanTable = OceanTable()
@@ -105,9 +105,9 @@ class Settings(Table):
 class TwoSlabOcean(Bmi):
     """The two-slab ocean as a BMI 2.0 component (see the module's text for equations and configuration).
 
-    Inputs: `sea_ice_bottom_water_flowing__x_z_component_of_stress` and its y partner [N m-2], by ice on
-    ocean per cell area; 0 until set, kept until set again.  Outputs on the cells: velocities of both
-    slabs [m s-1].  Outputs for the whole (grid type `scalar`): momentum, and the impulse received
+    Inputs: `sea_ice_bottom_water_flowing__x_z_component_of_stress` and its y counterpart [N m-2], the stress of the
+    ice on the ocean per cell area; 0 until set, then kept until set again.  Outputs on the cells: velocities of both
+    slabs [m s-1].  Outputs for the whole ocean (grid type `scalar`): momentum, and the impulse received
     since the start [N s].
 
     The grid is uniform_rectilinear; a node is the centre of a cell.  Time starts at 0.0 s.
@@ -125,7 +125,7 @@ class TwoSlabOcean(Bmi):
     # ---- the model --------------------------------------------------------------------------------
 
     def initialize(self, config_file: str) -> None:
-        """Read the configuration (TOML) and start at rest or with the velocities that it gives."""
+        """Read the configuration (TOML) and start with the velocities that it gives (default: at rest)."""
         if config_file is None or isinstance(config_file, str) and not config_file:
             raise InputError(
                 "initialize: a configuration file (TOML) is needed, with a table [grid]"
@@ -146,7 +146,7 @@ class TwoSlabOcean(Bmi):
         self.update_until(self.get_current_time() + self._settings.time.step)
 
     def update_until(self, time: float) -> None:
-        """Advance to `time` [s] in whole steps and a shorter last one; lands exactly on it."""
+        """Advance to exactly `time` [s], in whole steps and a shorter last one."""
         now = self.get_current_time()
         if not is_number(time):
             raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
@@ -162,7 +162,7 @@ class TwoSlabOcean(Bmi):
         self._count_momentum()
 
     def finalize(self) -> None:
-        """Forget everything; `initialize` starts anew."""
+        """Discard the state; `initialize` starts again."""
         self._values = {}
 
     def _advance(self, dt: float) -> None:

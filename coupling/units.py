@@ -1,4 +1,4 @@
-"""Units as models tell them, read and converted by UDUNITS (through cf_units); what does not fit is refused."""
+"""Units of a model's variables, read and converted by UDUNITS (through cf_units); incompatible units are refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _unit(text: str, of: str) -> cf_units.Unit:
 def converter(
     given: str, wanted: str, running: bool, source: str, target: str
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """From the giver's units (per second, for a running integral) to the taker's."""
+    """Conversion from the units of one model (per second, for a running integral) to those of another."""
     one, other = _unit(given, source), _unit(wanted, target)
     if running:
         one = one / _unit("s", "time")
@@ -46,13 +46,13 @@ def converter(
 
 
 def in_pascals(units: str, of: str) -> float:
-    """Pascals in a unit of stress, 0 for other quantities."""
+    """A unit of stress in pascals; 0 for units of other quantities."""
     unit = _unit(units, of)
     return float(unit.convert(1.0, "Pa")) if unit.is_convertible("Pa") else 0.0
 
 
 def in_seconds(units: str | None, side: str) -> float:
-    """Seconds in a model's unit of time; a reference date is left aside."""
+    """A model's unit of time in seconds; a reference date in it is ignored."""
     text = (units or "").split(" since ")[0]
     unit = _unit(text, f"the {side}'s time")
     if not unit.is_time():

@@ -1,29 +1,29 @@
-"""Vectors as a host has them, along its own axes and at its own points, and the same at cell centres.
+"""Vectors between a host's staggered points and own axes, and the cell centres and axes of the ice.
 
-*Points.*  Ocean models keep velocity on the faces of their cells (C grid, each component on its own faces) or on
-their corners (B grid), not at the centres (A grid) where ice gives its stress.  `Staggered` is one matrix w for
-the way both ways,
+*Points.*  Ocean models have velocity on the faces of their cells (C grid, each component on its own faces) or at
+their corners (B grid), not at the centres (A grid), where the ice has its stress.  `Staggered` uses one matrix w for
+both directions,
 
     flux    A_p τ_p = Σ_c w_pc A_c τ_c        stress, cells → points
     state   u_c = Σ_p w_pc u_p                velocity, points → cells            (eq. stagger)
 
 with w_pc = 1/n for each of the n open points of cell c.  A point is open if all its cells are wet: there is no
-flow through a coast, and what is given to a closed point is lost.
+flow through a coast, and a force on a closed point would be lost.
 
        dry  |   wet  |   wet                c: all of the force of the cell beside the coast goes to p
-            q   c    p                      q: closed, takes nothing, and is no part of the mean
+            q   c    p                      q: closed, gets no force, and is left out of the mean
 
-Each column of w sums to 1, so the force is kept, at coasts too; and since both ways use the same w, the work on
-the points is the work on the cells, Σ A_p τ_p u_p = Σ A_c τ_c u_c.  Plain averaging, τ_p = ½ (τ_1 + τ_2) on open
-faces, gives half of the force of each cell beside a coast to a wall.  Away from coasts both are the same on
-uniform cells.  A cell without any open point cannot give its force; `undelivered` tells it.
+Each column of w sums to 1, so the force is conserved, at coasts too; and since both directions use the same w, the work
+at the points equals the work in the cells, Σ A_p τ_p u_p = Σ A_c τ_c u_c.  Simple averaging, τ_p = ½ (τ_1 + τ_2) on
+open faces, would lose half of the force of each cell beside a coast to the wall.  Away from coasts the two agree on
+uniform cells.  A cell without any open point cannot deliver its force; `undelivered` returns it.
 
-On a curved grid components are along the cell's own axes (`axis_angle`), and what is kept is the sum of each
-component, and the work; the axes at a face differ a little from those at the centre, and that turn is the host's.
+On a curvilinear grid components are along the cell's own axes (`axis_angle`), and the sum of each component and
+the work are conserved; the axes at a face differ slightly from those at the centre, and that rotation is left to the host.
 
-*Axes.*  `turn` takes components from one pair of axes to another, by the angle between them; turned back by the
-negative angle they are the same to round-off.  A turn keeps magnitudes, and u·τ if both are turned: turn where
-the host's cells are, and regrid x and y components after that (before it, on the way back).
+*Axes.*  `turn` rotates components from one pair of axes to another, by the angle between them; rotating back by the
+negative angle restores them to round-off.  A rotation preserves magnitudes, and u·τ if both are rotated.  Rotate on
+the host's cells, and regrid the x and y components after that (before it, on the way back).
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ Where = Literal["u", "v", "corners"]
 def turn(
     along_first: np.ndarray, along_second: np.ndarray, angle: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Components along x and y of vectors given along two axes that stand at `angle` to x and y.
+    """Rotate vector components from two perpendicular axes to x and y.
 
     Parameters
     ----------
     along_first, along_second : arrays of one shape, components along the axes (east and north; or i and j of a grid)
-    angle : [rad] from x to the first axis, counter-clockwise, one number or an array of that shape:
-        `projection.east_in_plane`, `axis_angle`.  With −angle the way back
+    angle : angle [rad] from x to the first axis, counter-clockwise, one number or an array of that shape, as from
+        `projection.east_in_plane` or `axis_angle`; use −angle for the inverse
 
     Returns
     -------
@@ -57,8 +57,7 @@ def turn(
     Raises
     ------
     InputError
-        for arrays of unlike shapes, which numpy would spread over each other where it can, and for what are no
-        real numbers.
+        for arrays of different shapes (they are not broadcast), and for values that are not real numbers.
 
     Examples
     --------
@@ -83,19 +82,19 @@ def turn(
 def axis_angle(grid: Grid) -> np.ndarray:
     """Angle [rad] from x to the i axis of each cell of a structured grid, (size,).
 
-    The turn that is nearest to the cell: its i axis leads from the middle of its west face to that of its
-    east face, its j axis from south to north.
+    It is the rotation nearest to the cell's own axes: i from the middle of its west face to that of its
+    east face, j from the middle of its south face to that of its north face.
 
     Raises
     ------
     InputError
-        for a grid without rows and columns, or with j to the right of i (rows from north to south): a turn takes two
-        axes to x and y only if the second is to the left of the first.
+        for a grid without rows and columns, or with j to the right of i (rows from north to south), whose axes no
+        rotation can bring to x and y.
     """
     _structured(grid)
     if grid.face_nodes[0, 1] != grid.face_nodes[0, 0] + 1:
         raise InputError(
-            f"{grid!r}: j is to the right of i, as where rows run from north to south: no turn takes both axes to"
+            f"{grid!r}: j is to the right of i, as where rows run from north to south: no rotation takes both axes to"
             " x and y; reverse the rows of the grid and of its fields"
         )
     x, y = grid.corner_x, grid.corner_y  # counter-clockwise from the south-west
@@ -106,28 +105,28 @@ def axis_angle(grid: Grid) -> np.ndarray:
 
 @final
 class Staggered:
-    """Between the centres of a structured grid's cells and the points where a host has velocities.
+    """Transfer between the cell centres of a structured grid and the points where a host has velocities.
 
     Parameters
     ----------
-    grid : rectilinear or curvilinear, with its mask
-    where : "u", faces across i, shape (ny, nx + 1), face i on the west of cell i; "v", faces across j, (ny + 1, nx);
-        "corners", (ny + 1, nx + 1)
-    periodic : (along i, along j): whether the last cell is the first one's neighbour; the points along that
-        direction are then as many as the cells
-    open : (points,) bool, which points the host lets flow; default: those whose cells are all wet, none on the rim
-    area : (points,) the area that the host counts for a point [m²]; default: the halves (quarters) of its cells
+    grid : rectilinear or curvilinear grid, with its mask
+    where : position of the points: "u", faces across i, shape (ny, nx + 1), face i west of cell i; "v", faces across j,
+        (ny + 1, nx); "corners", (ny + 1, nx + 1)
+    periodic : (along i, along j): whether the last cell is a neighbour of the first; there are then as many points
+        as cells in that direction
+    open : (points,) bool, True for points where the host allows flow; default: those whose cells are all wet, none on the rim
+    area : (points,) area that the host assigns to each point [m²]; default: half (corners: a quarter) of each of its cells
 
     Attributes
     ----------
-    shape : of the points, (rows, columns); all arrays are flat, C order
+    shape : shape of the array of points, (rows, columns); all arrays are flat, in C order
     weights : w, sparse CSR (points, cells)
     open, area : as above
 
     Raises
     ------
     InputError
-        for a grid without rows and columns, an unknown `where`, another `periodic` than two bools, arrays of a wrong size.
+        for a grid without rows and columns, an unknown `where`, a `periodic` that is not two bools, and arrays of a wrong size.
 
     Examples
     --------
@@ -195,11 +194,11 @@ class Staggered:
         self._alone = grid.wet & (count == 0)
 
     def flux(self, values: np.ndarray) -> np.ndarray:
-        """A flux per area (stress) from cells to points, 0 on closed ones; keeps the integral.
+        """Transfer a flux per area (stress) from cells to points (0 on closed ones), conserving the integral.
 
         Parameters
         ----------
-        values : (grid.size,) per cell area [N m-2]; a mean over time, or an impulse [N s m-2]
+        values : (grid.size,) per cell area, a stress averaged over time [N m-2], or an impulse [N s m-2]
 
         Returns
         -------
@@ -217,11 +216,11 @@ class Staggered:
         )
 
     def state(self, values: np.ndarray) -> np.ndarray:
-        """A velocity from points to cells: mean over the open points of each cell, 0 where there is none.
+        """Transfer a velocity from points to cells: the mean over the open points of each cell, 0 where there is none.
 
         Parameters
         ----------
-        values : (points,); what stands on closed points is not looked at
+        values : (points,); values on closed points are ignored
 
         Returns
         -------
@@ -236,7 +235,7 @@ class Staggered:
         return self.weights.T @ values
 
     def undelivered(self, values: np.ndarray) -> float:
-        """The part of Σ values × grid.area on wet cells without any open point, a force [N] of a stress [N m-2].
+        """The part of Σ values × grid.area on wet cells without any open point; for a stress [N m-2] a force [N].
 
         Raises
         ------
@@ -272,7 +271,7 @@ def _of_points(name: str, values: np.ndarray, shape: tuple[int, int]) -> np.ndar
 
 
 def _finite(place: str, values: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """The values, 0 where they are not used."""
+    """The values, with 0 where they are not used."""
     wrong = used & ~np.isfinite(values)
     if wrong.any():
         k = int(np.argmax(wrong))

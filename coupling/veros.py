@@ -1,8 +1,8 @@
-"""Floes on Veros, a primitive-equation ocean: currents down to the ice, stress back on U and V points.
+"""Floes on the primitive-equation ocean model Veros: currents act on the ice, and its stress on U and V points.
 
-Veros is a C grid: T cell i has U point i on its east face and V point i on its north face.  The ice's exchange grid is
-the T cells of the surface layer (`surface_cells`), with Veros' own mask; `coupling.vectors.Staggered` takes currents
-from open U and V points to T cells and impulses back, with one matrix and with Veros' own areas of U and V cells.
+Veros has a C grid: T cell i has U point i on its east face and V point i on its north face.  The exchange grid of the ice
+consists of the T cells of the surface layer (`surface_cells`), with Veros' own mask; `coupling.vectors.Staggered` transfers
+currents from open U and V points to T cells and impulses back, with one matrix and with Veros' own areas of U and V cells.
 
 A setup calls `SeaIce.force` at the end of its `set_forcing`, which Veros calls at the start of each step:
 
@@ -23,11 +23,11 @@ and where TKE is on, at T cells,
 
     forc_tke_surface = (1 − a) (|τ_wind| / ρ₀)^1.5 + a (|τ_ice| / (a ρ₀))^1.5        |τ_ice|: mean over time and floes
 
-The stress of the air is an argument and not read from `surface_taux`, for that array holds the blend of the step before.
-When the ice stands where the ocean is, it goes first, by one exchange; the ocean follows with the mean stress.
-Without ice all this is the host alone.
+The stress of the air is an argument, and not read from `surface_taux`, because that array holds the blend of the previous
+step.  When ice and ocean are at the same time, the ice advances first, by one exchange; the ocean follows with the mean
+stress.  Without ice this reduces to Veros alone.
 
-This file imports nothing of Veros; arrays of its numpy backend are written.
+This module imports nothing from Veros; it writes arrays of its numpy backend.
 """
 
 import time
@@ -55,7 +55,7 @@ def surface_cells(state: Any) -> Grid:
     Raises
     ------
     InputError
-        for a grid in degrees: floes live in a plane.
+        for a grid in degrees: floes move in a plane.
     """
     vs, settings = state.variables, state.settings
     if settings.coord_degree:
@@ -72,7 +72,7 @@ def surface_cells(state: Any) -> Grid:
 
 
 class Seconds(NamedTuple):
-    """Wall-clock time since the start [s]."""
+    """Wall-clock time spent since the start [s], by task."""
 
     ice: float  # floes moving
     coupling: float  # weights, regridding, exchange, blending, ledger
@@ -84,25 +84,25 @@ class SeaIce:
 
     Parameters
     ----------
-    state : of a VerosSetup, once its masks exist (in `set_initial_conditions`)
-    model : floes with `grid=surface_cells(state)` and ocean drag.  With `CoriolisField` among its forces Veros'
-        parameter is taken, with `Tilt` the slope of Veros' surface pressure
-    every : time between exchanges [s], a whole number of Veros' steps
-    two_way : False: the ocean does not feel the ice, and is pushed by the wind as if there were none
-    rescue : file for the state of the ice if an exchange fails
-    checkpoint : file for the state of the ice whenever Veros writes its restart file (every `restart_frequency`);
-        `{itt}` in it is Veros' number of the step, as in `restart_output_filename`
+    state : state of a VerosSetup, once its masks exist (in `set_initial_conditions`)
+    model : floe model with `grid=surface_cells(state)` and ocean drag.  If `CoriolisField` is among its forces it gets
+        Veros' Coriolis parameter, if `Tilt` is, the slope of Veros' surface pressure
+    every : time between exchanges [s], a whole number of Veros' time steps
+    two_way : if False, the ocean does not feel the ice and is forced by the wind as if there were none
+    rescue : file to which the state of the ice is saved if an exchange fails
+    checkpoint : file to which the state of the ice is saved whenever Veros writes its restart file (every
+        `restart_frequency`); `{itt}` in it stands for Veros' step number, as in `restart_output_filename`
 
     Attributes
     ----------
-    ledger : one line per exchange, on Veros' own U and V points
+    ledger : momentum ledger on Veros' own U and V points, one line per exchange
     open_water : (2,) impulse of the air on open water since the start [N s]
 
     Raises
     ------
     InputError
-        for a model with another grid or no ocean drag, steps that do not fit, and layers between whose points Veros
-        finds distances that are not above 0.
+        for a model with another grid or without ocean drag, an `every` that is not a whole number of steps, and layers
+        for which Veros' distances between points are not greater than 0.
     """
 
     def __init__(
@@ -171,14 +171,14 @@ class SeaIce:
     # ---- Veros' arrays ---------------------------------------------------------------------------------
 
     def _points(self, array: Any, name: str) -> np.ndarray:
-        """U points on the west of T cells, or V points on their south, and the last ones: flat (y, x)."""
+        """U points west of T cells, or V points south of them, and the last ones: flat (y, x)."""
         values = np.asarray(array)
         if name == "v":
             return values[INNER, 1:-2].T.ravel()
         return values[1 : -3 if self._cyclic else -2, INNER].T.ravel()
 
     def _to_veros(self, values: np.ndarray, name: str, into: np.ndarray) -> None:
-        """The way back of `_points`; ghost points that Veros does not read are left."""
+        """The inverse of `_points`; ghost points that Veros does not read are left unchanged."""
         points = values.reshape(self._on[name].shape).T
         if name == "v":
             into[INNER, 1:-2] = points
@@ -189,7 +189,7 @@ class SeaIce:
             into[1:-2, INNER] = points
 
     def at_cells(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A velocity of the surface layer, Veros' U and V points with ghost cells, at the ice's cells (y, x), flat."""
+        """Surface velocity at the ice's cells, flat (y, x), from Veros' U and V points with ghost cells."""
         west, south = (
             self._on[name].state(self._points(of, name)) for name, of in (("u", u), ("v", v))
         )
@@ -198,7 +198,7 @@ class SeaIce:
     # ---- coupling -----------------------------------------------------------------------------------------
 
     def force(self, state: Any, taux: np.ndarray, tauy: np.ndarray) -> None:
-        """Exchange if it is time, and write the surface stress of this step, positive accelerates the ocean.
+        """Exchange if it is due, and write the surface stress of this step; positive accelerates the ocean.
 
         Parameters
         ----------
@@ -207,8 +207,8 @@ class SeaIce:
         Raises
         ------
         InputError
-            one line: stresses of another shape, a current that is not finite, another grid, a clock that is not where the
-            ice expects it.  The ice is then as it was before the exchange; its state is in `rescue`.
+            for stresses of another shape, a current that is not finite, a changed grid, or a time that is not the one
+            that the ice expects.  The ice is then as before the exchange; its state is saved in `rescue`.
         """
         start, ice_before = time.perf_counter(), self._ice_seconds
         vs, settings = state.variables, state.settings
@@ -240,7 +240,7 @@ class SeaIce:
         vs, model = state.variables, self.model
         if _digest(state) != self._known_grid:
             raise InputError(
-                "Veros: masks or areas of the surface layer are not what they were when SeaIce was made; make a new one"
+                "Veros: masks or areas of the surface layer have changed since SeaIce was made; make a new one"
             )
         currents = (np.asarray(of)[..., -1, vs.tau] for of in (vs.u, vs.v))
         model.ocean.u[:], model.ocean.v[:] = self.at_cells(*currents)
@@ -283,7 +283,7 @@ class SeaIce:
             )
 
     def _blend(self, state: Any, taux: np.ndarray, tauy: np.ndarray) -> None:
-        """Write the stress on the surface, made in place of that of the air in `taux` and `tauy`, and what stirs the water."""
+        """Write the surface stress, blended in place from the air's in `taux` and `tauy`, and the forcing of TKE."""
         vs, settings = state.variables, state.settings
         new_step = float(vs.time) >= self._counted
         if new_step:
@@ -322,16 +322,16 @@ class SeaIce:
 
     @property
     def seconds(self) -> Seconds:
-        """Wall-clock time since the start."""
+        """Wall-clock time spent since the start [s]."""
         return Seconds(self._ice_seconds, self._coupling_seconds)
 
     @property
     def fraction(self) -> np.ndarray:
-        """Ice fraction as the ocean has it, (ny, nx)."""
+        """Ice area fraction as used by the ocean, (ny, nx) [1]."""
         return self._fraction.reshape(self.model.grid.shape)
 
     def save_state(self, path: str | Path) -> None:
-        """Save the ice and the stress of the exchange under way; Veros writes its own restart file."""
+        """Save a restart file of the ice and the stress of the current exchange; Veros writes its own restart file."""
         host = {
             "stress_u": self._stress[0], "stress_v": self._stress[1], "fraction": self._fraction,
             "magnitude": self._magnitude, "open_water": self.open_water, "counted": self._counted,
@@ -339,9 +339,10 @@ class SeaIce:
         self._books.save(path, host)
 
     def load_state(self, path: str | Path) -> None:
-        """Go on from `save_state`, on the same grid and at the same time of Veros.
+        """Continue from `save_state`, on the same grid and at the same time of Veros.
 
-        With Veros' own restart file: in `set_initial_conditions`, for `setup` calls `set_forcing` before the first step.
+        With Veros' own restart file, call it in `set_initial_conditions`, because `setup` calls `set_forcing` before the
+        first step.
         """
         host = self._books.load(path)
         if not host:  # saved by a failed exchange: the next call makes it anew
@@ -352,7 +353,7 @@ class SeaIce:
 
 
 def _digest(state: Any) -> str:
-    """Of what the ice has made weights of."""
+    """Checksum of the part of Veros' state from which the weights were made."""
     vs = state.variables
     masks = (mask[..., -1] for mask in (vs.maskT, vs.maskU, vs.maskV))
     return digest(*masks, vs.area_u, vs.area_v)

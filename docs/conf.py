@@ -111,10 +111,10 @@ def keys_page():
     lines = [
         "# Keys of a scene file",
         "",
-        "Made from the declarations that read the file; `floebmi scene --keys` prints the same. SI units (m, s, m/s, Pa,"
-        " kg/m³), angles on the globe in degrees. Where a key has no default and is not required, leaving it out leaves out what it stands for, or takes what its meaning says.",
+        "Generated from the declarations that read the file; `floebmi scene --keys` prints the same. SI units (m, s, m/s, Pa,"
+        " kg/m³), angles on the globe in degrees. A key without a default that is not required may be left out: what it describes is then not modelled, or its meaning says what holds.",
         "",
-        "Where a table may be of several kinds, each kind has a heading of its own, with the word that picks it.",
+        "A table that may be of several kinds has a heading for each kind, with the word that selects it.",
     ]
     above = None
     for table, key, default, text in tables.keys(scene.Scene):

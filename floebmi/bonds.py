@@ -1,7 +1,7 @@
 """Bonds: floes that have touched freeze together and resist being pulled apart (eq. tensile-strength).
 
-A bond may also heal (it starts weak) and be a beam (it resists shear and bending too); without these it is
-only as strong as it is, and only against being pulled apart.
+A bond may also heal (start weak and gain strength with age) and be a beam (resist shear and bending too).
+Without these it has its full strength at once and resists tension only.
 """
 
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from floebmi.quantities import NonNegative, PoissonRatio, Positive
 
 
 class Healing(NamedTuple):
-    """A young bond is weak: its strength grows with the age of the contact (eq. healing).
+    """Healing of bonds: the strength grows with the age of the contact (eq. healing).
 
     Parameters
     ----------
-    rate : growth of the strength λ [Pa/s]
+    rate : rate λ at which the strength grows [Pa/s]
     initial : strength at the first touch [Pa]
     """
 
@@ -24,14 +24,14 @@ class Healing(NamedTuple):
 
 
 class Beam(NamedTuple):
-    """The bond is a beam as long and as wide as R_ij, h_min thick (eqs. bond-shear, bond-bending).
+    """A bond as a beam of length and width R_ij and thickness h_min (eqs. bond-shear, bond-bending).
 
-    It makes floes rotate: without rotation, a bonded pair that turns as a whole would be sheared.
+    Beams make the floes rotate: without rotation, a bonded pair that turns as a whole would be sheared.
 
     Parameters
     ----------
     shear_strength : shear strength τ_c [Pa]
-    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n; the same as that of friction, if there is friction
+    poisson_ratio : Poisson's ratio ν [1], which sets k_t/k_n; must equal that of friction, if there is friction
     """
 
     shear_strength: NonNegative
@@ -39,14 +39,14 @@ class Beam(NamedTuple):
 
 
 class TensileStrength(NamedTuple):
-    """A pair that has touched holds until it pulls with σ_c R_ij h_min, then loses all strength at once (eq. tensile-strength).
+    """Bonds between floes that have touched; one breaks at the tension σ_c R_ij h_min and then loses all strength at once (eq. tensile-strength).
 
     Parameters
     ----------
     tensile_strength : tensile strength σ_c [Pa]
-    spread : standard deviation of σ_c among floes, over σ_c [1] (eq. spread); else all are alike
-    healing : how a bond gains its strength; else it has it from the first touch
-    beam : resistance to shear and bending; else there is none
+    spread : standard deviation of σ_c among the floes, relative to σ_c [1] (eq. spread); default: the same σ_c for all
+    healing : growth of the strength with age; default: full strength from the first touch
+    beam : resistance to shear and bending; default: none
     """
 
     tensile_strength: NonNegative = 200e3
@@ -57,10 +57,10 @@ class TensileStrength(NamedTuple):
 
 @dispatched
 def hold(bonds, strength, youngs_modulus, mean_radius, gap, shear, bent, bonded, dt):
-    """What is left of a bond (eq. tensile-strength): its share of its full strength, 1 without healing.
+    """State of a bond after a step (eq. tensile-strength): its strength over its full strength, 1 without healing.
 
-    0: none.  −1: broken (a beam can break in compression); it bonds again at the next touch.
-    strength : σ_c of the pair [Pa]; gap δ [m]; shear : stress [Pa]; bent : stress of the outer fibre [Pa]
+    0 : no bond.  −1 : a beam that broke while the floes still touch; they bond again at their next touch.
+    strength : σ_c of the pair [Pa]; gap : δ [m]; shear : shear stress [Pa]; bent : stress of the outer fibre [Pa]
     """
     raise TypeError(f"no bond law for {type(bonds).__name__}")
 
@@ -82,7 +82,7 @@ def _(bonds: TensileStrength, strength, youngs_modulus, mean_radius, gap, shear,
 
 @dispatched
 def grown(healing, strength, bonded, dt):
-    """The share of its strength that a bond has reached by now (eq. healing)."""
+    """The fraction of its full strength that a bond has reached (eq. healing)."""
     now = max(bonded * strength, healing.initial) + healing.rate * dt
     return now / strength if now < strength else 1.0
 
@@ -105,7 +105,7 @@ def _(beam: None, shear, share):
 
 @dispatched
 def meets(beam, bonded, gap):
-    """Whether two floes that touch may bond: not while their last beam lies broken between them."""
+    """Whether two floes bond now: they touch, and have parted since their last beam broke."""
     return bonded == 0.0 and gap < 0.0
 
 
@@ -116,7 +116,7 @@ def _(beam: None, bonded, gap):
 
 @dispatched
 def spent(beam, gap):
-    """What a pair without a bond remembers: that it broke, while it touches."""
+    """State of a pair without a bond: −1 (its beam broke) as long as the floes touch, then 0."""
     return -1.0 if gap < 0.0 else 0.0
 
 
@@ -138,7 +138,7 @@ def _(bonds: None):
 
 @dispatched
 def tied(beam, bonded, held, free):
-    """One value for a pair that a beam holds, the other for a pair that is free to slip."""
+    """`held` for a pair that a beam holds, `free` for a pair that may slip."""
     return held if bonded > 0.0 else free
 
 
@@ -160,7 +160,7 @@ def _(beam: None):
 
 @dispatched
 def fibre_stress(beam, youngs_modulus, angle):
-    """What bending adds to the tension of the outer fibre [Pa] (eq. bond-bending)."""
+    """Tensile stress that bending adds in the outer fibre [Pa] (eq. bond-bending)."""
     return 6.0 * youngs_modulus * bending_ratio(beam) * abs(angle)
 
 
@@ -171,7 +171,7 @@ def _(beam: None, youngs_modulus, angle):
 
 @dispatched
 def bending(beam, bonded, k_b, bent, turn_rate, dt):
-    """Moment on i [N m], the angle remembered [rad], the energy lost [J] (eq. bond-bending)."""
+    """Moment on i [N m], the bending angle that is kept [rad], and the energy lost [J] (eq. bond-bending)."""
     tried = bent + turn_rate * dt
     kept = tried if bonded > 0.0 else 0.0
     return k_b * kept, kept, 0.5 * k_b * (bent + kept) * (tried - kept)
@@ -183,5 +183,5 @@ def _(beam: None, bonded, k_b, bent, turn_rate, dt):
 
 
 def stretch(strength: float, youngs_modulus: float) -> float:
-    """Largest gap of a bond of that strength, over the sum of the radii [1]: R_ij ≤ (r_i + r_j)/2."""
+    """Largest gap that a bond of this strength can have, over the sum of the radii [1]; uses R_ij ≤ (r_i + r_j)/2."""
     return 0.5 * strength / youngs_modulus

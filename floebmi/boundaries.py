@@ -1,4 +1,4 @@
-"""Where the ice ends: edges of the domain, walls, and an edge where floes come in."""
+"""Boundaries: the edges of the domain, walls, and inflow of floes along an edge."""
 
 from collections.abc import Sequence, Sized
 from typing import Literal, NamedTuple
@@ -21,13 +21,13 @@ _SIDE = {"west": 1.0, "east": -1.0, "south": 1.0, "north": -1.0}
 
 
 class Domain(NamedTuple):
-    """The rectangle in which floes live, and what each of its edges does.
+    """The rectangle in which the floes move, and what happens at each of its edges.
 
     Parameters
     ----------
     x, y : west and east edge, south and north edge [m]
-    west, east, south, north : "inactive": a floe whose centre leaves is disabled, and its mass booked;
-        "periodic", in pairs: it comes in on the other side; "closed": a fixed frictionless wall
+    west, east, south, north : "inactive": a floe whose centre crosses the edge is deactivated, and its mass booked as lost;
+        "periodic" (opposite edges together): floes re-enter on the other side; "closed": a fixed frictionless wall
 
     Examples
     --------
@@ -57,14 +57,14 @@ class Domain(NamedTuple):
 
     @property
     def origin(self) -> tuple[float, float]:
-        """The point from which kernels count x and y [m]: that of the domain next to (0, 0).
+        """The point of the domain closest to (0, 0) [m], from which the kernels measure x and y.
 
-        Far from (0, 0), as in a map projection, steps are so as exact as near it.
+        So round-off is no larger in a domain far from (0, 0), as in a map projection.
         """
         return min(max(0.0, self.x[0]), self.x[1]), min(max(0.0, self.y[0]), self.y[1])
 
     def brought_back(self, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Places [m], those beyond periodic edges at their images in the domain."""
+        """Positions [m], with those beyond periodic edges moved to their images in the domain."""
         found = []
         for values, (low, high), length in zip((x, y), (self.x, self.y), self.period, strict=True):
             values = unmasked(values)
@@ -89,18 +89,19 @@ class Domain(NamedTuple):
 class Wall(NamedTuple):
     """A straight frictionless wall that bounds the ice towards one edge of the domain (eq. wall).
 
-    Without a stress it stands still or moves at `velocity`.  With a normal stress it has a mass and moves
-    freely along its normal, loaded with N × length × mean thickness.  Its length is that of the domain's edge, wherever
-    other walls stand; floes leave at an inactive edge behind it, so where a wall may go outwards the domain needs room.
+    Without a normal stress the wall stands still or moves at `velocity`.  With one it has a mass and moves freely
+    along its normal, loaded with N × length × mean thickness of the ice.  Its length is that of the domain's edge, wherever
+    other walls stand.  Floes still leave at an inactive edge behind the wall, so make the domain large enough for a
+    wall that may move outwards.
 
     Parameters
     ----------
-    edge : "west", "east", "south" or "north": the ice is on the other side
-    position : coordinate along its normal [m]; the domain's edge if not given
-    velocity : along +x or +y [m/s]; of a loaded wall the initial one
-    normal_stress : N [Pa], positive presses the ice together
-    mass : [kg], of a loaded wall; the mass of all floes if not given
-    damping : fraction of critical damping [1], of a loaded wall
+    edge : edge that the wall replaces, "west", "east", "south" or "north"; the ice is on its inner side
+    position : coordinate along the normal [m]; default: the edge of the domain
+    velocity : velocity along +x or +y [m/s]; for a loaded wall the initial one
+    normal_stress : normal stress N on the wall [Pa], positive compresses the ice
+    mass : mass of a loaded wall [kg]; default: the mass of all floes
+    damping : damping of a loaded wall, as a fraction of critical damping [1]
     """
 
     edge: Literal["west", "east", "south", "north"]
@@ -114,23 +115,23 @@ class Wall(NamedTuple):
 class Inflow(NamedTuple):
     """New floes along an edge of the domain, each as soon as there is room for it; their mass is booked.
 
-    A new floe touches the edge from inside, at a random free place.  Of land a model knows the floes of the shore alone, and
-    what lies behind them is free to it: keep `span` off land (a scene, which has its polygons, refuses it).
-    Room is looked for when an exchange begins and, in a long one, again whenever floes have strayed by a tenth of the
-    smallest radius or so.
+    A new floe is placed at random where it touches the edge from inside and overlaps no other floe.  Of land a model
+    knows only the fixed floes on the shore, so keep `span` away from land (scenes, which have the polygons, refuse it).
+    Room is looked for at the start of each exchange and, in a long one, whenever floes have moved by about a tenth of the
+    smallest radius.
 
-    Floes come in in the order in which they are drawn, and none goes before one that waits for its room.  So what comes in is the
-    looser the wider the sizes are: with an edge of twenty of the largest floes and ice that moves on at a steady speed its
-    concentration is about 0.74 for floes of one radius, 0.34 for a power law over a factor of 10 in radius (exponent -1.8),
-    0.17 over a factor of 100.
+    Floes enter in the order in which they are drawn, and one that waits for room holds back all that follow.  The inflowing
+    ice is therefore looser for a wider size distribution.  For an edge as long as twenty of the largest floes, and ice that
+    moves away at a steady speed, its concentration is about 0.74 for floes of one radius, 0.34 for a power law over a factor
+    of 10 in radius (exponent -1.8), and 0.17 over a factor of 100.
 
     Parameters
     ----------
-    edge : "west", "east", "south" or "north"
-    sizes : a size distribution
-    thickness : of a new floe [m]
-    velocity : of a new floe, along x and y [m/s], not outwards; at rest if not given
-    span : stretch of the edge that is open, coordinates along it [m]; all of it if not given
+    edge : edge where floes enter, "west", "east", "south" or "north"
+    sizes : floe size distribution
+    thickness : thickness of a new floe [m]
+    velocity : velocity of a new floe along x and y [m/s], not outwards; default: at rest
+    span : open part of the edge, from and to, as coordinates along it [m]; default: all of it
     """
 
     edge: Literal["west", "east", "south", "north"]
@@ -141,7 +142,7 @@ class Inflow(NamedTuple):
 
 
 def check_domain(domain: Domain) -> None:
-    """Refuse an empty rectangle, one beyond all maps, unknown words, and a periodic edge without its partner."""
+    """Refuse an empty rectangle, coordinates beyond 1e9 m, unknown words, and a periodic edge without its partner."""
     if not isinstance(domain, Domain):
         raise InputError(f"domain = {domain!r}: must be a Domain")
     for name in ("x", "y"):
@@ -191,13 +192,13 @@ def _check_edge(what: str, edge: str, domain: Domain) -> None:
 def build_walls(
     domain: Domain, walls: tuple[Wall, ...], floes: Floes, density: float, youngs_modulus: float
 ) -> np.ndarray:
-    """Records of dtype `WALL`: the listed walls, and a fixed one at each closed edge, from the domain's origin.
+    """Records of dtype `WALL`, relative to the domain's origin: the listed walls, and a fixed one at each closed edge.
 
     Raises
     ------
     InputError
-        for an unknown or periodic edge, two walls at one edge, a mass or a damper without a load, or a loaded wall that has
-        nothing to load.
+        for an unknown or periodic edge, two walls at one edge, a mass or damping without a load, or a loaded wall without
+        ice to load.
     """
     check(walls)
     listed = {}
@@ -210,7 +211,7 @@ def build_walls(
         for name in ("mass", "damping") if wall.normal_stress is None else ():
             if getattr(wall, name) != Wall._field_defaults[name]:
                 raise InputError(
-                    f"wall.{name} = {getattr(wall, name)!r}: is of a loaded wall; give it a normal_stress, or leave it out"
+                    f"wall.{name} = {getattr(wall, name)!r}: applies only to a loaded wall; give it a normal_stress, or leave it out"
                 )
         listed[wall.edge] = wall
     for edge in EDGES:
@@ -246,12 +247,12 @@ def build_walls(
 
 
 def edge_of(wall: np.void) -> str:
-    """The edge at which the wall of a record stands."""
+    """The edge of the domain that a wall's record belongs to."""
     return next(e for e in EDGES if _AXIS[e] == wall["axis"] and _SIDE[e] == wall["side"])
 
 
 def walls_of_state(walls: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The walls of a scene where a restart file has them; loads, and speeds of walls without one, are the scene's.
+    """The walls of a scene with the state of a restart file; loads, and speeds of unloaded walls, stay those of the scene.
 
     rows : (walls, columns of `WALL`)
     """
@@ -266,9 +267,9 @@ def walls_of_state(walls: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def over_walls(walls: np.ndarray, floes: Floes, origin: tuple[float, float]) -> np.ndarray:
-    """How far floes reach over walls, over their radius [1]: (floes, walls), at most 0 where they do not touch.
+    """Overlap of floes with walls, over the radius [1]: (floes, walls), at most 0 where they do not touch.
 
-    0 where nothing comes of it: for land, floes that are gone, and floes held across a wall that no force moves.
+    It is 0 for pairs without a force: land, inactive floes, and floes whose motion across an unloaded wall is prescribed.
     """
     reach = np.zeros((len(floes), len(walls)))
     for w, wall in enumerate(walls):
@@ -282,7 +283,7 @@ def over_walls(walls: np.ndarray, floes: Floes, origin: tuple[float, float]) -> 
 
 
 def check_way_in(inflow: Inflow, walls: np.ndarray, domain: Domain) -> None:
-    """Refuse a wall on which, or behind which, the floes of an inflow would come in."""
+    """Refuse a wall into which, or behind which, an inflow would place its floes."""
     edge = domain.position(inflow.edge)
     for wall in walls:
         if edge_of(wall) != inflow.edge:
@@ -300,7 +301,7 @@ def check_way_in(inflow: Inflow, walls: np.ndarray, domain: Domain) -> None:
 
 
 def check_reach(wall: Wall, largest: float, domain: Domain) -> None:
-    """Refuse a wall that stands so far beyond an inactive edge that the largest floe leaves before it meets the wall [m]."""
+    """Refuse a wall so far beyond an inactive edge that even the largest floe (radius [m]) leaves before it touches the wall."""
     if wall.position is None or getattr(domain, wall.edge) != "inactive":
         return
     side, edge = _SIDE[wall.edge], domain.position(wall.edge)
@@ -313,7 +314,7 @@ def check_reach(wall: Wall, largest: float, domain: Domain) -> None:
 
 
 class Feeder:
-    """Adds the floes of an inflow; draws from a generator that is part of the model's state."""
+    """Adds the floes of an inflow; its random numbers come from a generator that is part of the model's state."""
 
     def __init__(self, inflow: Inflow, domain: Domain) -> None:
         _check_edge("inflow", inflow.edge, domain)
@@ -344,7 +345,7 @@ class Feeder:
         self.waiting: float | None = None  # radius of the floe that found no room yet
 
     def feed(self, floes: Floes, rng: np.random.Generator) -> np.ndarray:
-        """Add floes until the next one finds no room; returns the numbers of the new ones."""
+        """Add floes until the next one finds no room; returns the numbers of the new floes."""
         added = []
         while True:
             if self.waiting is None:
@@ -357,7 +358,7 @@ class Feeder:
             self.waiting = None
 
     def across(self, depth: float) -> float:
-        """The coordinate of a place so far inside the edge [m]."""
+        """The coordinate, along the edge's normal, of a place at this depth inside the edge [m]."""
         return self.domain.position(self.inflow.edge) + _SIDE[self.inflow.edge] * depth
 
     def _room(
@@ -384,9 +385,9 @@ class Feeder:
 
 @jit
 def _free(apart, along, reach, active, low, high, period):
-    """Begins and ends of the stretches of a line, from low to high, of which no floe is within its reach.
+    """Beginnings and ends of the free stretches of a line between low and high, where no floe is within its reach.
 
-    apart, along : of the floes from the line, and where along it they are; period : of the line, or inf
+    apart : distances of the floes from the line; along : their positions along it; period : of the line, or inf
     """
     begin, end, n = np.empty(3 * apart.size + 1), np.empty(3 * apart.size + 1), 0
     images = 1 if period < np.inf else 0  # across a seam, too

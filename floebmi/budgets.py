@@ -1,8 +1,8 @@
-"""Ledgers: where mass, momentum and energy came from and where they went.
+"""Ledgers: budgets of mass, momentum and energy.
 
-A ledger is one table.  Each row is an account (ocean, walls, friction …) with what it brought to the ice
-since the start; what is there now must equal what was there at first plus all accounts, and the
-difference is printed as the residual, never corrected.
+A ledger is a table.  Each row is an account (ocean, walls, friction …) with its contribution to the ice
+since the start.  The present amount must equal the initial one plus all accounts; the
+difference is printed as the residual, and never corrected.
 """
 
 from typing import NamedTuple
@@ -16,9 +16,9 @@ UNITS = ("kg", "N s", "N s", "J")
 
 
 class Balance(NamedTuple):
-    """One quantity's balance: now − start − gained = residual, in its unit.
+    """Balance of one quantity: now − start − gained = residual, in its unit.
 
-    relative : |residual| over the largest of what was there at the start, is there now and has passed meanwhile [1]
+    relative : |residual| over the largest of the initial amount, the present amount and the turnover in between [1]
     """
 
     start: float
@@ -33,8 +33,8 @@ class Ledger:
 
     Attributes
     ----------
-    start, now : (4,) mass, momentum x, y, energy that the ice had and has
-    accounts : by name, (4,) what each brought to the ice since the start (negative: took)
+    start, now : (4,) mass, momentum x, momentum y and energy of the ice at the start and now
+    accounts : by name, (4,) contribution of each account since the start (negative: a loss)
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Ledger:
         self.turnover = np.zeros(4)  # at least so much has passed, whatever its sign
 
     def copy(self) -> "Ledger":
-        """The same, to go back to."""
+        """A copy, for undoing later bookings."""
         other = Ledger()
         other.start, other.now = self.start.copy(), self.now.copy()
         other.turnover = self.turnover.copy()
@@ -52,22 +52,22 @@ class Ledger:
         return other
 
     def open(self, stock: np.ndarray) -> None:
-        """Begin with what is there: (mass, momentum x, momentum y, energy)."""
+        """Begin with the initial amounts: (mass, momentum x, momentum y, energy)."""
         self.start = stock.copy()
         self.now = stock.copy()
 
     def book(
         self, account: str, mass: float = 0.0, x: float = 0.0, y: float = 0.0, energy: float = 0.0
     ) -> None:
-        """Add what an account brought to the ice (negative: took)."""
+        """Add a contribution to an account (negative: a loss of the ice)."""
         row = np.array([mass, x, y, energy])
         self.accounts[account] = self.accounts.get(account, np.zeros(4)) + row
         self.turnover += np.abs(row)
 
     def saw(self, energy: float) -> None:
-        """Note a kinetic energy [J] that the ice had between two bookings: it counts as turnover, though it may have gone again.
+        """Record a kinetic energy [J] that the ice had between two bookings; it counts as turnover even if it is lost again.
 
-        Floes that move against each other have momentum that their sum does not show, up to √(2 m K) in all.
+        The momenta of floes that move against each other cancel in the sum; their turnover is up to √(2 m K) in all.
         """
         self.turnover[3] = max(self.turnover[3], energy)
         self.turnover[1:3] = np.maximum(self.turnover[1:3], np.sqrt(2.0 * self.now[0] * energy))
@@ -129,7 +129,7 @@ class Ledger:
         }
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
-        """Take up the accounts of a restart file."""
+        """Restore the accounts from a restart file."""
         self.start = np.array(state["ledger_start"], float)
         self.now = np.array(state["ledger_now"], float)
         self.turnover = np.array(state["ledger_turnover"], float)

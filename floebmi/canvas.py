@@ -1,4 +1,4 @@
-"""The style of all pictures: colours and their scales, a figure that fits its domain, axes and their numbers."""
+"""The style of all pictures: colours and colour scales, figures that fit their domain, axes and their tick labels."""
 
 import textwrap
 from collections.abc import Callable, Iterator
@@ -68,7 +68,7 @@ def style() -> dict[str, Any]:
 
 @contextmanager
 def in_style(ground: str = WATER) -> Iterator[None]:
-    """What is drawn within has the style of all pictures: maps stand on water, graphs on white."""
+    """Context in which drawings have the style of all pictures: maps on water, graphs on white."""
     import matplotlib
 
     with matplotlib.rc_context({**style(), "axes.facecolor": ground}):
@@ -76,23 +76,23 @@ def in_style(ground: str = WATER) -> Iterator[None]:
 
 
 def blank(width: float, height: float, dpi: float | None = None) -> "Figure":
-    """An empty figure of width × height inches, in which panels and their words find room by themselves."""
+    """An empty figure of width × height inches, with automatic layout of panels and labels."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=dpi, layout="constrained")
 
 
 def save(figure: "Figure", to: str | Path | None) -> "Figure":
-    """The figure, saved in a file that appears when it is whole.
+    """Save a figure, in a file that appears only when it is complete; returns the figure.
 
     Parameters
     ----------
-    to : the picture's file, of a kind that matplotlib writes; None: it is not saved
+    to : file to write, in a format that matplotlib supports; None: the figure is not saved
 
     Raises
     ------
     InputError
-        for another kind of file, or a folder that is not there.
+        for another format, or a folder that does not exist.
     """
     if to is not None:
         to = path_of("to", to)
@@ -106,7 +106,7 @@ def save(figure: "Figure", to: str | Path | None) -> "Figure":
 
 
 class Scale(NamedTuple):
-    """How numbers become colours."""
+    """A mapping from numbers to colours."""
 
     cmap: "Colormap"
     norm: "Normalize"
@@ -124,7 +124,7 @@ class Bar(NamedTuple):
 def scale_of(
     name: str, values: np.ndarray, limits: tuple[float, float] | None, whole: bool = False
 ) -> Scale:
-    """A scale that fits the values; whole numbers get a colour each, and places have no zero to show."""
+    """A colour scale that fits the values; integers get a colour each, and coordinates need not include zero."""
     import matplotlib
     from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, Normalize
 
@@ -176,7 +176,7 @@ def scale_of(
 def map_figure(
     view: View, size: int, title: str, bar: Bar | None, key: bool
 ) -> tuple["Figure", "Axes"]:
-    """A figure that fits the domain: true proportions, margins in inches, even numbers of pixels."""
+    """A figure that fits the domain, with true proportions, margins in inches and even numbers of pixels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -237,12 +237,12 @@ def map_figure(
 
 
 def beside_of(across: float) -> float:
-    """Inches on either side of a domain that is drawn so many inches wide, which its title and its scale need."""
+    """Margin [inches] that title and colour scale need on either side of a domain drawn at a given width."""
     return 0.5 * max(ROOM - across, 0.0)
 
 
 def inches_of(size: int) -> tuple[float, float]:
-    """Width in inches, and pixels per inch: small pictures get smaller letters, but not in proportion."""
+    """Width in inches, and pixels per inch; text shrinks in small pictures, but less than in proportion."""
     if not (is_number(size) and size >= 200):
         raise InputError(f"size = {size!r}: must be at least 200 pixels")
     width = float(np.clip(size / 150, 5.5, 8.0))
@@ -250,7 +250,7 @@ def inches_of(size: int) -> tuple[float, float]:
 
 
 def _number_axes(axes: "Axes", unit: str) -> int:
-    """Numbers along both axes, in full; returns how many letters the longest at the side has."""
+    """Tick labels of both axes, in full; returns the number of letters of the longest one on the y axis."""
     axes.ticklabel_format(style="plain", useOffset=False)
     letters = []
     for name, axis, length in zip(
@@ -272,9 +272,9 @@ def _number_axes(axes: "Axes", unit: str) -> int:
 
 
 def _written(bar: Bar) -> tuple[str, int, int]:
-    """Label of a colour bar, the power of ten in it, and the letters of its longest number.
+    """Label of a colour bar with its power of ten, and the number of letters of its longest tick label.
 
-    At the end of the bar the power would run into the time.
+    The power is in the label, because at the end of the bar it would overlap the time.
     """
     from matplotlib.ticker import AutoLocator, ScalarFormatter
 
@@ -291,7 +291,7 @@ def _written(bar: Bar) -> tuple[str, int, int]:
 
 
 def _height_of(label: str) -> float:
-    """Inches in which the label of a colour bar has room in two lines."""
+    """Height [inches] in which the label of a colour bar fits in two lines."""
     letters = range(1 + len(label) // 2, len(label) + 1)
     return (
         1 + next((n for n in letters if len(textwrap.wrap(label, n)) <= 2), 0)
@@ -299,7 +299,7 @@ def _height_of(label: str) -> float:
 
 
 def _lines(text: str, letters: int) -> list[str]:
-    """Text in as few lines as have room for so many letters, about equally long."""
+    """Text wrapped into as few lines of at most so many letters as possible, of about equal length."""
     check_text("title", text)
     lines = textwrap.wrap(text, letters) or [""]
     narrow = (textwrap.wrap(text, n) for n in range(1 + len(text) // len(lines), letters))
@@ -310,7 +310,7 @@ def _lines(text: str, letters: int) -> list[str]:
 
 
 def plain_numbers(axis: "Axis") -> None:
-    """Write 20, 50, 100 at a logarithmic axis on which all is drawn, or decades if there are many."""
+    """Label a logarithmic axis with plain numbers (20, 50, 100), or with decades if there are many; call it after drawing."""
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     low, high = axis.get_view_interval()
@@ -323,7 +323,7 @@ def plain_numbers(axis: "Axis") -> None:
 
 
 def label_of(text: str, units: str) -> str:
-    """Text and units, with the exponents raised."""
+    """Text and units, with the exponents as superscripts."""
     words = []
     for word in units.split():
         letters = word.rstrip("-0123456789") or word  # the unit 1 is no exponent
@@ -332,7 +332,7 @@ def label_of(text: str, units: str) -> str:
 
 
 def power_of(low: float, high: float) -> int:
-    """The power of ten, in steps of three, that makes long numbers short; 0 for numbers that are."""
+    """The power of ten, a multiple of three, that shortens long numbers; 0 for numbers that are short."""
     largest = max(abs(low), abs(high))
     if largest == 0.0 or 1e-3 <= largest < 1e5:
         return 0
@@ -340,7 +340,7 @@ def power_of(low: float, high: float) -> int:
 
 
 def in_powers_of(power: int) -> Callable[[float, int], str]:
-    """Writes the numbers of an axis whose unit has a power of ten."""
+    """Formatter for the tick labels of an axis whose unit has a power of ten."""
     return lambda value, _: f"{value / 10.0**power:.10g}".replace("-", "−")
 
 

@@ -1,15 +1,15 @@
-"""Velocities of staggered (C) grids, brought to cell centres.
+"""Velocities of staggered (C) grids, averaged to cell centres.
 
-The components stand on the faces of the cells.  Models number them differently:
+The components are on the faces of the cells.  Models number them differently:
 
     "after"   ROMS, NEMO, Veros   u[i] on the face after centre i:   its faces are u[i-1], u[i]
     "before"  MITgcm              u[i] on the face before centre i:  its faces are u[i], u[i+1]
 
-These are places in a file: ROMS' u(i) is before its centre i, but a file begins with u(1) and with centre 0.  MOM6
-writes one face more than centres with symmetric memory ("before"), as many without ("after").
+These are positions in a file: in ROMS u(i) is before centre i, but a file begins with u(1) and with centre 0.  MOM6
+writes one more face than centres with symmetric memory ("before"), and as many without ("after").
 
-A centre gets the mean of its two faces.  A closed face beside water has no flow through it and counts as 0,
-as in the models themselves; a face beyond the end of the file is not known, and the other stands alone.
+A centre gets the mean of its two faces.  A closed face beside water has no flow and counts as 0,
+as in the models themselves; beyond the end of the file there is no face, and the other one is used alone.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _SAMPLE = 40
 
 
 def is_staggered(u: Field, v: Field) -> bool:
-    """True if the two components stand at different points."""
+    """True if the two components are at different points."""
     if u.dims != v.dims:
         return True
     if u.file is v.file:
@@ -63,7 +63,7 @@ def _shared(u: Field, v: Field) -> list[tuple[xr.DataArray, xr.DataArray]]:
 
 
 def _refuse_turned(u: Field, v: Field) -> None:
-    """InputError for two files whose rows or columns run against each other."""
+    """Raise InputError for two files whose rows or columns run in opposite directions."""
     for one, other in _shared(u, v):
         if one.shape != other.transpose(*one.dims).shape or min(one.shape) < 3:
             continue
@@ -86,7 +86,7 @@ def _coordinates(field: Field) -> set[str]:
 
 
 class Centres(NamedTuple):
-    """The points to which both components are brought.
+    """The points to which both components are averaged.
 
     file, dims : the file that holds them, and their dimensions (rows, columns), () for a single point
     place : where they are
@@ -113,15 +113,15 @@ def find_centres(
     position: Position,
     file_projection: str | None,
 ) -> Centres:
-    """Where the components are, or where the cell centres of a staggered grid are.
+    """The points of the components, or the cell centres of a staggered grid.
 
-    Centres are the rows of u with the columns of v if these have coordinates, else a longitude and latitude of
-    their own in any of the files, else the middles between u points.
+    Centres are the rows of u with the columns of v if these have coordinates, else a separate longitude and latitude
+    in any of the files, else the midpoints between u points.
 
     Raises
     ------
     InputError
-        if no centres are found, or which faces are beside them is not clear.
+        if no centres are found, or if it is not clear which faces belong to them.
     """
     options = (projection, position, file_projection)
     apart = bool(u.dims) and is_staggered(u, v)
@@ -196,9 +196,9 @@ def _middles(u_points: np.ndarray) -> np.ndarray:
 
 
 def _beside(field: Field, place: Place, stagger: Stagger, axis: int, files: list[File]) -> Offsets:
-    """Which faces of a component lie beside a centre, along the component's axis (0 rows, 1 columns).
+    """The faces of a component beside a centre, along the component's axis (0 rows, 1 columns).
 
-    Told by sizes, else by the places of the points, else by the names of the dimensions.
+    Decided by sizes, else by the positions of the points, else by the names of the dimensions.
     """
     faces, centre = field.shape[axis], place.shape[axis]
     if field.shape[1 - axis] != place.shape[1 - axis] or abs(faces - centre) > 1:

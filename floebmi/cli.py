@@ -1,6 +1,6 @@
-"""The command `floebmi`; how it ends, whatever happens, is in `one_line`.
+"""The command `floebmi`; error handling and exit codes are in `one_line`.
 
-Commands import what they need when they are called, so that help comes at once.
+Commands import what they need only when called, so that help appears at once.
 """
 
 import contextlib
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def _scenes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """What Tab makes of a scene: a packaged name that begins so, else a file."""
+    """Completion of a scene: packaged names that start with these letters, else files."""
     from floebmi.scenes import packaged
 
     names = [name for name in packaged() if incomplete and name.startswith(incomplete)]
@@ -198,7 +198,7 @@ def _going_on(
     accuracy: float | None,
     state: Path,
 ) -> str:
-    """The command that goes on with the run that these options began, and ends it where it would have."""
+    """The command that continues an interrupted run with these options, up to the same end."""
     words = ["floebmi", "run", scene]
     words += [word for change in overrides for word in ("--set", change)]
     for option, value in (("--duration", duration), ("--accuracy", accuracy)):
@@ -244,7 +244,7 @@ def _wants_gridded(scene: "Scene") -> bool:
 def _refuse_to_overwrite(
     folder: Path, targets: Sequence[Path], paraview: Path | None, force: bool
 ) -> None:
-    """InputError before the run for a folder, or files in it, that could not be made in the end."""
+    """Raise InputError, before the run, for an output folder or files that cannot be written."""
     from floebmi.files import check_new_folder, check_target
 
     with _of("--to"):

@@ -1,11 +1,11 @@
-"""Coasts: land becomes polygons, and its shore a line of fixed floes that moving floes cannot pass.
+"""Coasts: land as polygons, and its shore as a line of fixed floes that moving floes cannot cross.
 
-Fixed floes feel the same contact law as all others, so landfast ice, friction along a shore and
-arches in a strait need no law of their own.  A disc of radius R that touches the coastline from the
-land side has its centre on the coastline moved inland by R.  Centres there, less than R apart, make
-a shore whose envelope lies on the coastline.  Capes and spits that are too narrow for R get discs
-of R/2, R/4 and R/8; what is narrower still gets discs of R/8 on the coastline itself, which is the
-most that land can stick out.
+The fixed floes obey the same contact law as all others, so landfast ice, friction along a shore and
+arches in a strait need no separate law.  A disc of radius R that touches the coastline from the
+land side has its centre on the coastline shifted inland by R.  Discs less than R apart on that line
+form a shore whose envelope follows the coastline.  Capes and spits too narrow for R get discs
+of R/2, R/4 and R/8; even narrower ones get discs of R/8 centred on the coastline itself, so the shore
+extends beyond the coastline by R/8 at most.
 """
 
 import itertools
@@ -36,10 +36,10 @@ SMALLEST = 3  # the narrowest capes get discs of radius / 2**SMALLEST
 
 
 class Coast(NamedTuple):
-    """Land and its shore; made by `from_land_fraction`, `from_polygons` or `from_geojson` of this module.
+    """Land and its shore, made by `from_land_fraction`, `from_polygons` or `from_geojson` of this module.
 
-    A model takes the shore with the ice, `Floes.concatenate([ice, coast.floes])`; `scatter` and the like keep
-    `land=coast` free.
+    Pass the shore to a model together with the ice, `Floes.concatenate([ice, coast.floes])`; `scatter` and
+    `from_field` keep off the land given as `land=coast`.
 
     Attributes
     ----------
@@ -63,25 +63,25 @@ def from_land_fraction(
 ) -> Coast:
     """The coast where a gridded land fraction crosses a threshold.
 
-    The outermost cells are continued outwards, so that the shore reaches the rim of the grid and
-    beyond it by one radius; no floes stand along the rim itself.  Along a period the cells of the
-    other side follow, so that land that ends at the seam has its shore there.
+    The outermost cells are extended outwards, so that the shore reaches the rim of the grid and
+    one radius beyond it; no floes line the rim itself.  In a periodic direction the grid continues
+    with the cells of the other side, so that land that ends at the seam has its shore there.
 
     Parameters
     ----------
-    x, y : cell centres [m]: rows (nx,), (ny,), or arrays (ny, nx) on a curvilinear grid; rows may
-        also be cell edges (nx + 1,), (ny + 1,)
+    x, y : cell centres [m], as axes (nx,), (ny,), or as arrays (ny, nx) for a curvilinear grid; the
+        axes may also be cell edges (nx + 1,), (ny + 1,)
     fraction : area fraction of land, 0 to 1, shape (ny, nx)
-    radius : of the floes on the shore [m]
-    thickness : of these floes [m]; the stiffness of a contact follows the thinner of two floes, so
-        it should be at least that of the thickest moving floe
-    threshold : land fraction on the coastline
-    period : lengths along x and y [m] of a periodic domain that the grid goes round once, or None
+    radius : radius of the floes on the shore [m]
+    thickness : thickness of these floes [m]; the contact stiffness depends on the thinner of the two
+        floes, so it should be at least that of the thickest moving floe
+    threshold : land fraction that defines the coastline [1]
+    period : lengths of the period along x and y [m], None where not periodic; the grid spans one period
 
     Raises
     ------
     InputError
-        for shapes that do not fit and fractions that are not between 0 and 1.
+        for shapes that do not match and fractions that are not between 0 and 1.
     """
     import contourpy
     import shapely
@@ -126,13 +126,13 @@ def from_land_fraction(
 
 
 def from_polygons(polygons: Sequence[ArrayLike], radius: float, thickness: float = 10.0) -> Coast:
-    """The coast of land given by its rings.
+    """The coast of land given as polygons.
 
     Parameters
     ----------
     polygons : rings of shape (k, 2) [m], closed or not, in either direction; a ring inside another
-        is a lake, one inside a lake an island; rings that overlap are joined
-    radius, thickness : of the floes on the shore [m], see `from_land_fraction`
+        is a lake, one inside a lake an island; overlapping rings are merged
+    radius, thickness : those of the floes on the shore [m], see `from_land_fraction`
 
     Raises
     ------
@@ -150,16 +150,16 @@ def from_geojson(
 
     Parameters
     ----------
-    path : of the file
-    radius, thickness : of the floes on the shore [m], see `from_land_fraction`
-    projection : of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in longitude
-        and latitude, whose edges are straight there (RFC 7946); None for a file in metres
+    path : path of the file
+    radius, thickness : those of the floes on the shore [m], see `from_land_fraction`
+    projection : map projection of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in
+        longitude and latitude, where its edges are straight lines (RFC 7946); None for a file in metres
 
     Raises
     ------
     InputError
-        naming file and feature, where a geometry cannot be used, or looks like degrees without a
-        projection.
+        naming file and feature, for a geometry that cannot be used, or that seems to be in degrees
+        although no projection is given.
     """
     import shapely
 
@@ -175,12 +175,12 @@ def from_geojson(
 def land_geometry(
     polygons: Sequence[ArrayLike], domain: "Domain | None" = None
 ) -> "shapely.Geometry":
-    """Rings as in `Coast.polygons` as one shapely geometry: land, less lakes, with their islands.
+    """One shapely geometry of rings as in `Coast.polygons`: the land without its lakes, with the islands in them.
 
     Parameters
     ----------
     polygons : rings as for `from_polygons`
-    domain : land that lies beyond one of its periodic edges is brought back across it, as floes are
+    domain : land beyond one of its periodic edges is moved back across it, as floes are
 
     Raises
     ------
@@ -224,9 +224,9 @@ def land_geometry(
 
 
 def within(coast: Coast, domain: "Domain") -> Coast:
-    """A coast of which all that lies beyond a periodic edge of a domain is moved to its image inside.
+    """A coast with all its parts beyond a periodic edge of a domain moved to their images inside.
 
-    For packing a part of the domain, which has no periodic edges of its own.
+    Used to pack part of a domain, which has no periodic edges of its own.
     """
     floes = coast.floes.copy()
     floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
@@ -236,12 +236,12 @@ def within(coast: Coast, domain: "Domain") -> Coast:
 def on_land(
     polygons: Sequence[ArrayLike], x: ArrayLike, y: ArrayLike, domain: "Domain"
 ) -> np.ndarray:
-    """Whether places, or their images in a periodic domain, lie on land: bool, of the shape of x.
+    """Whether positions, or their images in a periodic domain, lie on land: bool, of the shape of x.
 
     Parameters
     ----------
     polygons, domain : as for `land_geometry`
-    x, y : [m]
+    x, y : positions [m]
     """
     import shapely
 
@@ -249,7 +249,7 @@ def on_land(
 
 
 def _brought_back(land: "shapely.Geometry", domain: "Domain") -> "shapely.Geometry":
-    """Land cut at the periodic edges of a domain, with what lies beyond them at its place inside."""
+    """Land cut at the periodic edges of a domain, with the parts beyond moved to their images inside."""
     import shapely
 
     for axis, length in enumerate(domain.period):
@@ -276,7 +276,7 @@ def _brought_back(land: "shapely.Geometry", domain: "Domain") -> "shapely.Geomet
 def read_features(
     path: str | Path, projection: str | None = None
 ) -> list[tuple[str, "shapely.Geometry", dict]]:
-    """Features of a GeoJSON file: how an error should name each, its geometry [m], its properties.
+    """Features of a GeoJSON file, each with its name for error messages, geometry [m] and properties.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ def read_features(
     Raises
     ------
     InputError
-        if the file is no GeoJSON, its coordinates look like degrees and no projection is given, or a polygon crosses
+        if the file is not GeoJSON, its coordinates seem to be degrees but no projection is given, or a polygon crosses
         itself.
     """
     import shapely
@@ -348,7 +348,7 @@ def _projected(
         if wrong.any():
             k = int(wrong.argmax())
             raise InputError(
-                f"{name}: {lon[k]:g}, {lat[k]:g} are no longitude and latitude, which they must be where the domain has a"
+                f"{name}: {lon[k]:g}, {lat[k]:g} are not longitude and latitude, as they must be if the domain has a"
                 " projection"
             )
         for ring in shapely.get_rings(shapely.get_parts(geometry)):
@@ -377,7 +377,7 @@ def _check_size(radius: float, thickness: float) -> None:
 
 
 def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Cell centres of shape (ny, nx), from rows of centres or edges or from such arrays."""
+    """Cell centres of shape (ny, nx), from axes of centres or edges, or from arrays of centres."""
     x, y = unmasked(x), unmasked(y)
     for name, values in (("x", x), ("y", y)):
         wrong = np.argwhere(~(np.abs(values) <= FARTHEST))  # NaN is wrong, too
@@ -404,7 +404,7 @@ def _centres(x: ArrayLike, y: ArrayLike, shape: tuple[int, int]) -> tuple[np.nda
 def _extended(
     points: np.ndarray, beyond: float, period: tuple[float | None, float | None] = (None, None)
 ) -> np.ndarray:
-    """Points (ny, nx, 2) with a further line on each side, half a cell and `beyond` [m] outside them.
+    """Points (ny, nx, 2) with one more line on each side, half a cell plus `beyond` [m] further out.
 
     Along a period that line is the image of the line on the other side.
     """
@@ -436,7 +436,7 @@ def _coast(
     thickness: float,
     only: "shapely.Geometry | None" = None,
 ) -> Coast:
-    """Line the shore of some land, or `only` what lies within some part of the plane."""
+    """Line the shore of some land with floes; `only` restricts it to part of the plane."""
     import shapely
     from scipy.spatial import cKDTree
 
@@ -470,7 +470,7 @@ def _coast(
 
 
 def _along(land: "shapely.Geometry", spacing: float) -> np.ndarray:
-    """Points on the rings of some land, evenly and at most `spacing` apart, shape (k, 2)."""
+    """Evenly spaced points on the rings of some land, at most `spacing` apart, shape (k, 2)."""
     points = [np.zeros((0, 2))]
     for ring in _rings(land):
         reached = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))])

@@ -1,8 +1,7 @@
-"""Contact between floes: the equation of a new law goes here, and only here.
+"""Contact laws between floes; a new law is added here and nowhere else.
 
-A contact law is made of parts, each a few numbers: elasticity, friction, bonds (in bonds.py), a dashpot,
-compressive failure.
-A part that is `None` is not in the machine code, and what only it needs is not allocated.
+A contact law is composed of parts, each with a few parameters: elasticity, friction, bonds (in bonds.py), a dashpot,
+compressive failure.  A part that is `None` is compiled out, and the arrays that only it needs are not allocated.
 """
 
 import math
@@ -40,16 +39,16 @@ class Elastic(NamedTuple):
 
 
 class Coulomb(NamedTuple):
-    """Tangential elasticity with history, limited by Coulomb friction (eq. coulomb-friction).
+    """Tangential elasticity with memory of the slip, limited by Coulomb friction (eq. coulomb-friction).
 
-    Lever arms are the true distances from the centres to the contact point, so that angular momentum
-    is conserved for unequal radii.
+    The lever arms are the actual distances from the centres to the contact point, so that angular momentum
+    is conserved for unequal radii too.
 
     Parameters
     ----------
     coefficient : friction coefficient μ [1]
-    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n
-    spread : standard deviation of μ among floes, over μ [1] (eq. spread); else all are alike
+    poisson_ratio : Poisson's ratio ν [1], which sets k_t/k_n
+    spread : standard deviation of μ among the floes, relative to μ [1] (eq. spread); default: the same μ for all
     """
 
     coefficient: NonNegative = 0.3
@@ -58,13 +57,13 @@ class Coulomb(NamedTuple):
 
 
 class Damsgaard2018Coulomb(NamedTuple):
-    """`Coulomb` as the paper ran it: both lever arms are R_ij, the harmonic mean radius.
+    """`Coulomb` friction as in the paper's runs: both lever arms are R_ij, the harmonic mean radius.
 
     Parameters
     ----------
     coefficient : friction coefficient μ [1]
-    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n
-    spread : standard deviation of μ among floes, over μ [1] (eq. spread); else all are alike
+    poisson_ratio : Poisson's ratio ν [1], which sets k_t/k_n
+    spread : standard deviation of μ among the floes, relative to μ [1] (eq. spread); default: the same μ for all
     """
 
     coefficient: NonNegative = 0.3
@@ -73,30 +72,30 @@ class Damsgaard2018Coulomb(NamedTuple):
 
 
 class Restitution(NamedTuple):
-    """A dashpot beside the spring, by the wanted coefficient of restitution (eq. dashpot).
+    """A dashpot in parallel with the contact spring, given by the coefficient of restitution (eq. dashpot).
 
     Parameters
     ----------
-    coefficient : coefficient of restitution e [1], rebound speed over impact speed of two free floes
+    coefficient : coefficient of restitution e [1], ratio of rebound to impact speed of two free floes
     """
 
     coefficient: PositiveFraction
 
 
 class Dashpot(NamedTuple):
-    """What `Restitution` becomes in the machine: c = 2 ζ √(k_n m_ij), m_ij the reduced mass."""
+    """`Restitution` in the form that the kernels use: c = 2 ζ √(k_n m_ij), m_ij the reduced mass."""
 
     damping_ratio: NonNegative
 
 
 class CompressiveFailure(NamedTuple):
-    """Floes that press too hard fail; one then slides over the other (eqs. compressive-failure, rafting).
+    """Compressive failure of floes that press too hard; one then slides over the other (eqs. compressive-failure, rafting).
 
     Parameters
     ----------
-    toughness : toughness K [Pa m^0.5]; a pair fails at f_n = K h_min^1.5
-    coefficient : friction coefficient of floe on floe [1]
-    density_difference : of water and ice [kg/m³]; buoyancy of the thinner floe presses them together
+    toughness : fracture toughness K [Pa m^0.5]; a pair fails at f_n = K h_min^1.5
+    coefficient : friction coefficient of one floe sliding over the other [1]
+    density_difference : density of water less that of ice [kg/m³]; the buoyancy of the thinner floe presses the two together
     """
 
     toughness: Positive = 1.285e6
@@ -105,15 +104,15 @@ class CompressiveFailure(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """A contact law in parts; `None` leaves a part out.
+    """A contact law composed of parts; `None` leaves a part out.
 
     Parameters
     ----------
     elastic : normal elasticity
-    friction : friction, with rotation
-    bonds : what holds floes together that have touched
+    friction : friction, which also makes the floes rotate
+    bonds : bonds between floes that have touched
     dashpot : normal damping
-    failure : failure in compression, then sliding of floe over floe
+    failure : compressive failure, followed by sliding of one floe over the other
     """
 
     elastic: Elastic = Elastic()
@@ -135,8 +134,8 @@ def frictional(
     ----------
     friction : friction coefficient μ [1]
     youngs_modulus : Young's modulus E [Pa]
-    poisson_ratio : Poisson's ratio ν [1], sets k_t/k_n
-    restitution : coefficient of restitution e [1], rebound speed over impact speed of two free floes; else there is no dashpot
+    poisson_ratio : Poisson's ratio ν [1], which sets k_t/k_n
+    restitution : coefficient of restitution e [1], ratio of rebound to impact speed of two free floes; default: no dashpot
     """
     return Contact(
         Elastic(youngs_modulus),
@@ -156,7 +155,7 @@ def cohesive(
     ----------
     tensile_strength : tensile strength σ_c [Pa]
     youngs_modulus : Young's modulus E [Pa]
-    restitution : coefficient of restitution e [1], rebound speed over impact speed of two free floes; else there is no dashpot
+    restitution : coefficient of restitution e [1], ratio of rebound to impact speed of two free floes; default: no dashpot
     """
     return Contact(
         Elastic(youngs_modulus),
@@ -166,14 +165,14 @@ def cohesive(
 
 
 def prepare(contact: Contact) -> Contact:
-    """The law as the kernels take it: a wanted restitution becomes a damping ratio."""
+    """The law in the form that the kernels use, with the restitution turned into a damping ratio."""
     if isinstance(contact.dashpot, Restitution):
         return contact._replace(dashpot=Dashpot(damping_ratio(contact.dashpot.coefficient)))
     return contact
 
 
 def check_contact(contact: Contact | None) -> None:
-    """Refuse a law without code, and bonds that would start stronger than they are, or slip on another spring than friction does.
+    """Refuse a law without code, bonds whose initial strength exceeds their full strength, and a beam whose Poisson's ratio is not that of friction.
 
     Raises
     ------
@@ -183,8 +182,8 @@ def check_contact(contact: Contact | None) -> None:
         return
     if type(contact.elastic) is not Elastic:
         raise InputError(
-            f"Contact.elastic = {contact.elastic!r}: must be of the kind Elastic; steps, bonds, walls and the books of energy "
-            "are those of its linear spring"
+            f"Contact.elastic = {contact.elastic!r}: must be of the kind Elastic; time step, bonds, walls and energy "
+            "ledger assume its linear spring"
         )
     _check_code("Contact", contact)
     if contact.bonds is None:
@@ -207,7 +206,7 @@ def check_contact(contact: Contact | None) -> None:
 
 
 def _check_code(place: str, law: tuple) -> None:
-    """Refuse a part that somebody added and registered no code for: that of the law whose place it takes would run."""
+    """Refuse a user's part for which no code is registered: the code of the law that it replaces would run instead."""
     for name, part in law._asdict().items():
         if hasattr(part, "_asdict"):
             kind = type(part)
@@ -219,12 +218,12 @@ def _check_code(place: str, law: tuple) -> None:
 
 
 def turns(contact: Contact | None) -> bool:
-    """Whether the law turns floes: friction does, and bonds that are beams."""
+    """Whether the law makes floes rotate, as friction and beams do."""
     return contact is not None and bool(contact.friction or beam_of(contact.bonds))
 
 
 def own(contact: Contact | None) -> dict[str, tuple[float, float]]:
-    """What differs from floe to floe, by the names of `Floes`: its mean and its spread."""
+    """Mean and relative spread of each property that differs from floe to floe, by its name in `Floes`."""
     if contact is None:
         return {}
     friction, bonds = contact.friction, contact.bonds
@@ -237,7 +236,7 @@ def own(contact: Contact | None) -> dict[str, tuple[float, float]]:
 
 
 def memories(contact: Contact | None) -> tuple[str, ...]:
-    """What a pair remembers from one exchange to the next, by the names of `pairs.PairList`."""
+    """Names of the state that a pair carries from one exchange to the next, as in `pairs.PairList`."""
     if contact is None:
         return ()
     beam, failure = beam_of(contact.bonds), contact.failure
@@ -252,7 +251,7 @@ def memories(contact: Contact | None) -> tuple[str, ...]:
 
 
 def damping_ratio(restitution: float) -> float:
-    """ζ that gives a restitution e, when contact ends where its force vanishes, not where δ does.
+    """Damping ratio ζ for a restitution e, if contact ends where the force vanishes rather than where δ does.
 
     Schwager & Pöschel (2007), doi:10.1007/s10035-007-0065-z.
     """
@@ -277,7 +276,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 # ---- the laws in the kernel -------------------------------------------------------------------------
-# Geometry of a pair: n points from i to j, t is n turned left, gap δ < 0 is an overlap.
+# Geometry of a pair: n points from i to j, t is n turned left by 90°, a gap δ < 0 is an overlap.
 #
 #        i ──── a_i ────┃──── a_j ──── j        d = |x_j − x_i| = a_i + a_j,  δ = d − (r_i + r_j)
 #                  n →  ┃ t ↑
@@ -287,7 +286,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 class PairForce(NamedTuple):
-    """Force of one pair, what it remembers (slip to slid, see `pairs.PairList`), and the energy [J] that it lost in this step."""
+    """Force of one pair, its state (slip to slid, see `pairs.PairList`), and the energy [J] that it lost in this step."""
 
     f_n: float
     f_t: float
@@ -298,7 +297,7 @@ class PairForce(NamedTuple):
     bent: float
     failed: float
     slid: float
-    blow_n: float  # impulse [N s] that ends the step beside half a step of f_n and f_t, see `blow`
+    blow_n: float  # impulse [N s] at the end of the step, in addition to half a step of f_n and f_t, see `blow`
     blow_t: float
     friction_loss: float
     dashpot_loss: float
@@ -326,7 +325,7 @@ def _(friction: None):
 
 @dispatched
 def shear_spring(beam, friction):
-    """The part of the law that resists slip: the beam, or friction, or None; both have the same k_t."""
+    """The part of the law that resists slip: the beam, else friction, else None; beam and friction have the same k_t."""
     return beam
 
 
@@ -348,7 +347,7 @@ def _(friction: None):
 
 @dispatched
 def coefficient_now(friction, mu, slip_rate):
-    """μ of a pair that slips at this rate [m/s], 0 where no time passes; mu : the same at rest."""
+    """Friction coefficient of a pair at a slip rate [m/s] (0 if no time passes); mu : the coefficient at rest."""
     return mu
 
 
@@ -376,16 +375,16 @@ def _(friction: Damsgaard2018Coulomb, radius, other_radius, gap):
 
 @dispatched
 def tangential(spring, beam, mu, bonded, k_n, pressed, slip, slip_rate, dt):
-    """Tangential force on i before and now, the slip remembered, the energy lost.
+    """Tangential force on i before and after the step, the slip that is kept, and the energy lost.
 
-    By (eq. coulomb-friction), or by (eq. bond-shear) while a beam holds; pressed : f_n/k_n [m].
+    From (eq. coulomb-friction), or from (eq. bond-shear) while a beam holds; pressed : f_n/k_n [m].
     """
     k_t = k_n * stiffness_ratio(spring)
     tried = slip + slip_rate * dt
     limit = mu / stiffness_ratio(spring) * max(pressed, 0.0)
     kept = tied(beam, bonded, tried, min(max(tried, -limit), limit))
-    # the force is formed from the slip that is kept, so that forming it again gives the same bits;
-    # the loss is what the mean force of the step does along the part of the slip that slid
+    # the force is computed from the slip that is kept, so that recomputing it gives the same bits;
+    # the loss is the work of the mean force of the step along the irreversible part of the slip
     return -k_t * slip, -k_t * kept, kept, 0.5 * k_t * (slip + kept) * (tried - kept)
 
 
@@ -398,7 +397,7 @@ def _(spring: None, beam, mu, bonded, k_n, pressed, slip, slip_rate, dt):
 def damping(dashpot, k_n, inverse_mass):
     """Dashpot coefficient c [N s/m] of a pair (eq. dashpot); inverse_mass = 1/m_i + 1/m_j.
 
-    There is none between two floes that nothing moves: they have no mass that a restitution could be of.
+    It is 0 between two floes with prescribed motion, for which no reduced mass is defined.
     """
     mass = 1.0 / inverse_mass if inverse_mass > 0.0 else 0.0
     return 2.0 * dashpot.damping_ratio * np.sqrt(k_n * mass)
@@ -411,7 +410,7 @@ def _(dashpot: None, k_n, inverse_mass):
 
 @dispatched
 def brake(dashpot, k_n, inverse_mass, opening, overlap, touching, bonded):
-    """The dashpot's part of f_n, over k_n [m], such that only floes that are bonded pull each other as they part."""
+    """The dashpot's part of f_n, over k_n [m], limited so that only bonded floes pull on each other as they part."""
     part = -damping(dashpot, k_n, inverse_mass) / k_n * opening
     return (part if bonded > 0.0 else max(part, -overlap)) if touching else 0.0
 
@@ -423,9 +422,9 @@ def _(dashpot: None, k_n, inverse_mass, opening, overlap, touching, bonded):
 
 @dispatched
 def braked(dashpot, damped_before, damped, met, opening, part):
-    """Impulse [N s] that a dashpot is owed in the step in which floes meet, and the energy [J] that it lost.
+    """Impulse [N s] missing from the dashpot in the step in which floes meet, and the energy [J] that it lost.
 
-    Unlike a spring it acts with all its force from the first touch on, of which a step gives only the half after it.
+    Unlike a spring, a dashpot acts with its full force from the first touch on, while the step applies only half of it.
     """
     loss = -0.5 * ((damped if met else damped_before) + damped) * opening * part
     return (0.5 * part * damped if met else 0.0), loss
@@ -438,7 +437,7 @@ def _(dashpot: None, damped_before, damped, met, opening, part):
 
 @dispatched
 def time_in_contact(friction, gap, opening, dt):
-    """The part of a step [s] for which floes touched, their gap changing steadily (eq. part-of-a-step)."""
+    """The part of a step [s] during which two floes touched, if their gap changed at a constant rate (eq. part-of-a-step)."""
     since = gap / opening if opening != 0.0 else 0.0  # the gap was zero
     if gap < 0.0:
         return min(since, dt) if opening < 0.0 else dt
@@ -452,7 +451,7 @@ def _(friction: Damsgaard2018Coulomb, gap, opening, dt):
 
 @dispatched
 def fails(failure, failed, gap, k_n, h_min):
-    """Whether the ice of a pair has failed, or does so now: f_n > K h_min^1.5 (eq. compressive-failure)."""
+    """Whether the ice of a pair has failed before or fails now: f_n > K h_min^1.5 (eq. compressive-failure)."""
     return gap < 0.0 and (failed > 0.0 or -k_n * gap > failure.toughness * h_min * np.sqrt(h_min))
 
 
@@ -466,11 +465,11 @@ def raft(
     failure, whole, failing, gap, opening, slip_rate, r_i, r_j, h_min, k_n, k_t, slip, bonded,
     failed, slid, damped_before, dt,
 ):  # fmt: skip
-    """The force once the ice has failed: Coulomb friction of floe on floe over their lens (eq. rafting).
+    """The force after the ice has failed: Coulomb friction between the floes over the lens where they overlap (eq. rafting).
 
-    The spring (slid, slip) along n and t is as stiff as the ice, and its force limited; a pair that fails
-    begins with the overlap that it had.  What it loses is what the forces before and after do along the way,
-    less what stays stored.  `whole` is the force of a pair that has not failed.
+    The spring (slid, slip) along n and t is as stiff as the contact, and its force is limited by friction; at failure it
+    starts from the overlap at that time.  The loss is the work of the forces before and after along the
+    displacement, less the energy that stays stored.  `whole` is the force of a pair that has not failed.
     """
     was_failed = failed > 0.0
     if not (failing or was_failed):
@@ -510,12 +509,11 @@ def pair_force(
     law, gap, opening, slip_rate, turn_rate, r_i, r_j, h_i, h_j, inverse_mass, mu, sigma,
     slip, bonded, damped_before, bent, failed, slid, dt,
 ):  # fmt: skip
-    """The contact law: gap δ [m] and its rate, slip rate [m/s], ω_j − ω_i, and what the pair remembers.
+    """The contact law: force from gap δ [m] and its rate, slip rate [m/s], ω_j − ω_i, and the pair's state.
 
-    A step gives half of its time to the force before it and half to the force after it.  Where floes
-    touched for a part of the step only, the blow takes back what was too much of that one force; a bond
-    that breaks acts in the first half of the step (eq. broken-bond).  Losses are what the same forces do
-    along the way.
+    The force before a step acts for its first half and the force after it for its second half.  Where floes
+    touched for only part of the step, the blow takes back the excess of that one force; a bond that breaks
+    acts in the first half of the step (eq. broken-bond).  Losses are the work of the same forces.
     """
     k_n = stiffness(law.elastic, h_i, h_j)
     mu = coefficient_now(law.friction, mu, slip_rate if dt > 0.0 else 0.0)
@@ -566,10 +564,10 @@ def pair_force(
 
 @dispatched
 def blow(dashpot, impulse, rate, ahead, inverse_mass):
-    """The impulse that does the work impulse × rate [J] on two floes (eq. part-of-a-step).
+    """The impulse that does the work impulse × rate [J] on two floes (eq. part-of-a-step), and the work not done [J].
 
-    ahead : the rate at which they would part or slip as the step ends [m/s].  Where there is less to take than
-    that work, they stop; what could not be taken [J] is returned beside.
+    ahead : the rate at which they would part or slip at the end of the step [m/s].  If their kinetic energy is less
+    than the work to be taken, they stop, and the remainder is the work not done.
     """
     return impulse, 0.0  # a dashpot is of first order as well
 
@@ -585,7 +583,7 @@ def _(dashpot: None, impulse, rate, ahead, inverse_mass):
 
 @inner
 def stored(law, f, gap, r_i, r_j, h_i, h_j):
-    """Elastic energy of a pair with the force f [J]; while nothing is lost, the force is minus its slope."""
+    """Elastic energy [J] of a pair with the force f; without losses the force is minus its gradient."""
     k_n = stiffness(law.elastic, h_i, h_j)
     beam = beam_of(law.bonds)
     k_t = k_n * stiffness_ratio(shear_spring(beam, law.friction))
@@ -597,7 +595,7 @@ def stored(law, f, gap, r_i, r_j, h_i, h_j):
 
 @dispatched
 def sliding_ratio(failure):
-    """Stiffness of floe on floe along the contact, over k_n [1]."""
+    """Tangential stiffness of floes that slide over each other after failure, over k_n [1]."""
     return 1.0
 
 

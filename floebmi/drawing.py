@@ -1,4 +1,4 @@
-"""What is drawn of a run's files on a map: land, cells, lines of latitude, arrows, wind, scale bar, walls, circles."""
+"""Elements of the maps: land, cells, graticule, arrows, wind, scale bar, walls, circles."""
 
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,7 +21,7 @@ ARROWS = {
 
 
 def draw_land(axes: "Axes", view: View) -> None:
-    """Land polygons if the file has them, else the dry cells."""
+    """Draw land polygons if the file has them, else the dry cells."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
@@ -38,7 +38,7 @@ def draw_land(axes: "Axes", view: View) -> None:
 
 
 def draw_dry_cells(axes: "Axes", view: View) -> None:
-    """Cells of the grid that are land, if there is a gridded file."""
+    """Draw the dry cells of the grid, if there is a gridded file."""
     from matplotlib.colors import ListedColormap, Normalize
 
     if view.gridded is not None and "land_mask" in view.gridded.variables:
@@ -56,7 +56,7 @@ def draw_cells(
     scale: Scale,
     zorder: float = 1,
 ) -> None:
-    """Cells in the colours of their values; NaN stays open."""
+    """Draw cells in the colours of their values; cells with NaN stay empty."""
     from matplotlib.collections import PolyCollection
 
     corners = cell_corners(view, dimensions)
@@ -77,7 +77,7 @@ def draw_cells(
 
 
 def draw_graticule(axes: "Axes", view: View) -> list[Any]:
-    """Lines of latitude and longitude, where the grid is on the globe; returns their numbers, which stand on the floes."""
+    """Draw lines of latitude and longitude, if the grid has them; returns their labels, which are drawn above the floes."""
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
 
@@ -119,7 +119,7 @@ def draw_graticule(axes: "Axes", view: View) -> list[Any]:
 
 
 def draw_arrows(axes: "Axes", view: View, arrows: str, k: int) -> list[Any]:
-    """Arrows on the grid, at most about 25 across, with a key under the lower right corner."""
+    """Draw arrows on the grid, at most about 25 across, with a key under the lower right corner."""
     check_word("arrows", arrows, ARROWS)
     name, units, word = ARROWS[arrows]
     found = vectors(view, name, k)
@@ -155,7 +155,7 @@ def draw_arrows(axes: "Axes", view: View, arrows: str, k: int) -> list[Any]:
 
 
 def _below(axes: "Axes", side: Literal["left", "right"]) -> Any:
-    """Coordinates in inches from a lower corner of the domain's room, for what stands under the picture."""
+    """Coordinates in inches from a lower corner of the domain, for elements below the map."""
     from matplotlib.transforms import ScaledTranslation
 
     across = axes.get_position().width * axes.figure.get_figwidth()
@@ -165,7 +165,7 @@ def _below(axes: "Axes", side: Literal["left", "right"]) -> Any:
 
 
 def draw_scale_bar(axes: "Axes", view: View) -> None:
-    """A bar of a round length under the lower left corner."""
+    """Draw a scale bar of a round length under the lower left corner."""
     west, east, _, _ = view.box
     across = axes.get_position().width * axes.figure.get_figwidth()
     per_inch = (east - west) / across
@@ -181,13 +181,13 @@ def draw_scale_bar(axes: "Axes", view: View) -> None:
 
 
 def _round_down(value: float) -> float:
-    """The largest of 1, 2, 5 × 10^n that is not above the value."""
+    """The largest number of the form 1, 2 or 5 × 10^n that does not exceed the value."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-9)))
 
 
 def draw_wind(axes: "Axes", view: View, k: int) -> list[Any]:
-    """The mean wind as one arrow under the lower right corner."""
+    """Draw the mean wind as one arrow under the lower right corner."""
     found = vectors(view, "wind", k)
     if found is None or not np.isfinite(found[0]).any():
         return []
@@ -214,7 +214,7 @@ def draw_wind(axes: "Axes", view: View, k: int) -> list[Any]:
 
 
 def draw_walls(axes: "Axes", view: View, k: int) -> list[Any]:
-    """Walls that stand away from the edge of the picture."""
+    """Draw walls that are not at the edge of the picture."""
     if "wall_position" not in view.data.variables:
         return []
     edges = ("west", "east", "south", "north")
@@ -230,7 +230,7 @@ def draw_walls(axes: "Axes", view: View, k: int) -> list[Any]:
 def draw_circles(
     axes: "Axes", x: np.ndarray, y: np.ndarray, radius: np.ndarray, unit: float, **look: Any
 ) -> Any:
-    """Floes as circles of their true size; `unit` is the length [m] that is one on the axes."""
+    """Draw floes as circles of their true size; `unit` is the length [m] of one unit of the axes."""
     from matplotlib.collections import EllipseCollection
 
     across = 2 * radius / unit

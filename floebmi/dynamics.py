@@ -50,17 +50,18 @@ from floebmi.tiles import Tiles
 
 
 class Step(NamedTuple):
-    """How time is stepped.
+    """Integration scheme and length of the time step.
 
     Parameters
     ----------
-    scheme : "verlet" (default), or the paper's "taylor2", "taylor3"
-    fraction : of the stability limit 2/ω_max, ω_max from the floes' own stiffness sums (eq. stable-step);
-        default: 0.85 with friction, 0.3 without it or with bonds, dashpots or failure, see `usual_fraction`
-    epsilon : if given, the paper's rule instead: Δt = ε √(m_min/k_max) (Eq. 4; the paper's ε is 0.07)
-    length : if given, a fixed step [s] instead
-    drag_every : the forces other than contacts act once in so many steps, for half of their time before and half after;
-        "verlet" alone
+    scheme : velocity Verlet, "verlet", or one of the paper's, "taylor2" and "taylor3"
+    fraction : time step over the stability limit 2/ω_max, where ω_max follows from each floe's sum of contact stiffnesses
+        (eq. stable-step); default: 0.85 for "verlet" with the friction "coulomb", 0.3 for other friction, without friction,
+        with bonds, dashpot or failure, and for the paper's schemes
+    epsilon : if given, the paper's time step instead: Δt = ε √(m_min/k_max) (Eq. 4; the paper's ε is 0.07)
+    length : if given, a fixed time step instead [s]
+    drag_every : number of time steps between applications of the forces other than contacts; each application is centred in
+        the time that it stands for; "verlet" only
     """
 
     scheme: Literal["verlet", "taylor2", "taylor3"] = "verlet"
@@ -71,12 +72,12 @@ class Step(NamedTuple):
 
 
 def usual_fraction(scheme: str, contact: Contact | None) -> float:
-    """The share of the stability limit that keeps the energy of a scene to a thousandth.
+    """The fraction of the stability limit that conserves the energy of a scene to a thousandth.
 
-    0.85 where contacts are springs with Coulomb friction, or there are none, stepped by "verlet"; else 0.3.  Without
-    friction, or with bonds, a pack goes on to ring, at 0.85 of the limit a fifth too fast in its highest tone; dashpots
-    are of first order; failure lets go of a force at once; the paper's schemes and lever arms go without
-    (eq. part-of-a-step).
+    It is 0.85 for "verlet" if contacts are springs with Coulomb friction, or there are none; else 0.3.  Without
+    friction, or with bonds, a pack keeps ringing, at 0.85 of the limit with its highest frequency a fifth too high;
+    dashpots are first order; failure drops a force at once; the paper's schemes and lever arms lack the correction
+    of (eq. part-of-a-step).
     """
     rubs = contact is None or isinstance(contact.friction, Coulomb)
     more = contact is not None and (contact.bonds or contact.dashpot or contact.failure)

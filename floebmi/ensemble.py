@@ -1,10 +1,10 @@
-"""Ensembles: one function of (parameters, seed), run for every point of a sweep and every seed.
+"""Ensembles: a function of (parameters, seed), run for every point of a parameter sweep and every seed.
 
-A member is a function `member(parameters, seed) → {name: array}` that a worker process can import.  It runs
-in local processes, or on any `concurrent.futures` executor, or on a `dask.distributed` Client.  Each member that
-finishes is put into a folder at once and whole, and is not run again; a member that fails is told in one
-line, and its numbers stay missing.  `gather` makes one data set of all, with a dimension for each
-parameter that is swept, and one for the seeds.
+A member is a call of a function `member(parameters, seed) → {name: array}` that a worker process can import.  Members run
+in local processes, on any `concurrent.futures` executor, or on a `dask.distributed` Client.  Each finished member is
+saved in a folder at once, as a whole, and not run again; a failed member is reported in one line, and its
+values stay missing.  `gather` makes one data set of all members, with a dimension for each swept
+parameter and one for the seeds.
 
     sweep = {"friction": (0.1, 0.3), "width": (5e3, 6e3)}
     done = run(member, {"hours": 24.0}, sweep, range(20), "strait.members")
@@ -45,7 +45,7 @@ THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_
 
 
 class Output(NamedTuple):
-    """What a member returns under a name: its own dimensions, its units, and what it is."""
+    """An array that a member returns: its own dimensions, its units, and its meaning."""
 
     dims: tuple[str, ...]
     units: str
@@ -53,7 +53,7 @@ class Output(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """A member that did not finish: its place in the sweep, its seed, and why in one line."""
+    """A member that failed: its point in the sweep, its seed, and the reason in one line."""
 
     point: dict[str, Any]
     seed: int
@@ -64,7 +64,7 @@ class Failure(NamedTuple):
 
 
 class Ensemble(NamedTuple):
-    """Members by (place in the sweep, place among the seeds), and those that failed."""
+    """The finished members, by (index of the point in the sweep, index of the seed), and those that failed."""
 
     parameters: dict[str, Any]
     sweep: dict[str, tuple[Any, ...]]
@@ -73,7 +73,7 @@ class Ensemble(NamedTuple):
     failures: list[Failure]
 
     def points(self) -> list[dict[str, Any]]:
-        """All points of the sweep, the last parameter running fastest."""
+        """All points of the sweep; the last parameter varies fastest."""
         return points_of(self.sweep)
 
 
@@ -94,21 +94,21 @@ def run(
     Parameters
     ----------
     member : function of (parameters, seed) that returns arrays; importable by name
-    parameters : what all members share
-    sweep : values of each parameter that is swept; members run at every combination
-    seeds : whole numbers
-    folder : where finished members are kept, one file each
-    jobs : number of local processes; default: the cores that this process may use; 1 runs them here
-    on : run there instead: an executor, or a Client of `dask.distributed`
-    code : members for which it returns the same value run the same machine code: the first of each runs
-        before the others start, so that numba compiles once and not once a process
-    progress : show a bar
+    parameters : parameters that all members share
+    sweep : values of each swept parameter; members are run for all combinations
+    seeds : seeds of the members, integers
+    folder : folder for finished members, one file each
+    jobs : number of local processes; default: the number of cores that this process may use; with 1 they run in this process
+    on : an executor, or a Client of `dask.distributed`, to run the members on instead
+    code : function of a member's parameters whose value is equal for members with the same machine code; the first member
+        of each runs before the others start, so that numba compiles once rather than once per process
+    progress : show a progress bar
 
     Raises
     ------
     InputError
-        if the folder holds members of other parameters, or of another function, or if two members would have one name;
-        for less than one job.
+        if the folder holds members with other parameters or of another function, if two members would have the same
+        file name, and for fewer than one job.
     """
     folder = path_of("folder", folder)
     for name, table in (("parameters", parameters), ("sweep", sweep)):
@@ -182,18 +182,18 @@ def gather(
     coordinates: Mapping[str, Output] | None = None,
     units: Mapping[str, tuple[str, str]] | None = None,
 ) -> "xr.Dataset":
-    """One data set of all members: (parameters that are swept …, seed, own dimensions …).
+    """One data set of all members, with dimensions (swept parameters …, seed, own dimensions …).
 
     Parameters
     ----------
-    outputs : of the arrays to take; numbers of members that did not finish are NaN
-    coordinates : arrays that are the same for all members, such as a time; taken from one of them
+    outputs : the arrays to include; values of members that did not finish are NaN
+    coordinates : arrays that are equal for all members, such as times; taken from one of them
     units : unit and meaning of each parameter, for the attributes
 
     Raises
     ------
     InputError
-        if no member has finished, or they do not all have these arrays, of one shape.
+        if no member has finished, or if an array is missing or differs in shape between members.
     """
     import xarray as xr
 
@@ -250,7 +250,7 @@ def gather(
 
 
 def save(data: "xr.Dataset", path: str | Path) -> None:
-    """Write a data set as NetCDF, whole or not at all; what it is of (`title`) and when it was made stand in the file."""
+    """Write a data set as NetCDF, completely or not at all; the file states its `title` and when it was made."""
     import xarray as xr
 
     if not isinstance(data, xr.Dataset):
@@ -272,7 +272,7 @@ def _described(unit: str, meaning: str) -> dict[str, str]:
 
 
 def points_of(sweep: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-    """All combinations of the values of a sweep, the last parameter running fastest."""
+    """All combinations of the values of a sweep; the last parameter varies fastest."""
     return [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
 
 
@@ -284,7 +284,7 @@ def _words(point: Mapping[str, Any], seed: int) -> str:
 def _files(
     folder: Path, points: Sequence[Mapping[str, Any]], seeds: Sequence[int]
 ) -> dict[Key, Path]:
-    """The file of each member; InputError if two would have one."""
+    """The file of each member; InputError if two members would have the same file."""
     files = {
         (p, s): folder / f"{_words(point, seed).replace('/', '%2F')}.npz"  # a value may be a path
         for p, point in enumerate(points)
@@ -299,7 +299,7 @@ def _files(
 
 
 def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
-    """Write what the members of this folder share, or refuse if they share something else."""
+    """Record the common parameters of a folder's members; refuse a folder whose members have others."""
     check_new_folder(folder)
     note = folder / "ensemble.json"
     ours = {
@@ -331,7 +331,9 @@ def _claim(folder: Path, member: Member, parameters: Mapping[str, Any]) -> None:
             )
         return
     if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"{folder}: exists, and is no folder of an ensemble; give another place")
+        raise InputError(
+            f"{folder}: exists, and is not the folder of an ensemble; give another place"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     with in_one_go(note) as part:
         part.write_text(text, encoding="utf-8")
@@ -354,7 +356,7 @@ def _load(path: Path) -> dict[str, np.ndarray]:
 
 
 def cores() -> int:
-    """The processor cores that this process may use, at least 1: the number of jobs unless one is given."""
+    """Number of processor cores that this process may use, at least 1; the default number of jobs."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -362,9 +364,9 @@ _heard: list[Warning] = []  # in a worker: warnings that nobody has been told ye
 
 
 def _start_worker() -> None:
-    """One thread a process; an interrupt, and what warnings say, is for the process that asked for the members.
+    """Prepare a worker: one thread, with interrupts and warnings left to the parent process.
 
-    Without that process, be it killed, there is nobody to work for.
+    A worker ends when its parent process is gone, even if that was killed.
     """
     threading.Thread(target=_end_with_parent, daemon=True).start()
     for name in THREADS:
@@ -384,7 +386,7 @@ def _end_with_parent() -> None:
 def _attempt(
     member: Member, parameters: dict[str, Any], seed: int
 ) -> tuple[Mapping[str, np.ndarray] | Exception, list[Warning]]:
-    """What a member returned or raised, and the warnings of a worker."""
+    """Run a member; returns its result or its exception, and the warnings of the worker."""
     try:
         result = member(parameters, seed)
     except Exception as error:  # noqa: BLE001  whatever it is, the others go on
@@ -395,7 +397,7 @@ def _attempt(
 
 
 def _in_waves(keys: Sequence[Key], code: Callable[[Key], object]) -> Iterator[list[Key]]:
-    """First one member of each code, which compiles it; then all others."""
+    """Run one member for each compiled code first, then all others."""
     first: dict[object, Key] = {}
     for key in keys:
         first.setdefault(code(key), key)
@@ -411,7 +413,7 @@ def _spread(
     jobs: int,
     on: "Executor | distributed.Client | None",
 ) -> None:
-    """Run members somewhere else, and keep each as it comes."""
+    """Run members on an executor, and save each as it finishes."""
     if on is not None:
         executor = on if isinstance(on, Executor) else on.get_executor()
         _collect(executor, keys, arguments, keep)
@@ -463,7 +465,7 @@ def _collect(executor, keys, arguments, keep):
 
 
 class _Quiet:
-    """A progress bar that shows nothing, but says what failed."""
+    """A progress bar that shows nothing but failures."""
 
     def __enter__(self) -> "_Quiet":
         return self

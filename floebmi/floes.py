@@ -1,8 +1,8 @@
-"""The floes: one array per property, and a floe's index is its number for ever.
+"""The floes: one array per property; a floe's index is its number for the whole run.
 
-Nothing here moves.  The model copies these arrays into its kernels and back at each advance, so
+Nothing moves here.  The model copies these arrays into its kernels and back at each advance, so
 between advances they may be read and edited like any other array (`floes.u[3] = 0.1`).  A floe that
-leaves the domain keeps its number and becomes inactive; new floes are added behind the last one.
+leaves the domain keeps its number and becomes inactive; new floes are appended.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,7 @@ from floebmi.arrays import all_finite, same_bits
 from floebmi.errors import InputError, check_word, in_line
 from floebmi.quantities import FARTHEST, check_flag, is_number, unmasked
 
-FIXED_X = 1  # along x the floe keeps its prescribed velocity
+FIXED_X = 1  # the floe keeps its velocity along x
 FIXED_Y = 2
 FIXED_ROTATION = 4
 FIXED = FIXED_X | FIXED_Y | FIXED_ROTATION  # with zero velocity
@@ -44,7 +44,7 @@ _UNITS = {
 
 
 class _Column:
-    """A property of all floes; assignment writes into the array that others may hold."""
+    """A property of all floes; assignment writes into the existing array, to which there may be other references."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -65,13 +65,13 @@ class _Column:
         given = _motion_bits(values) if self.name == "motion" else _numbers(self.name, values)
         if given.shape not in ((), (len(floes),)):
             raise InputError(
-                f"{self.name} has shape {given.shape}: must be one number or {len(floes)} values, one a floe"
+                f"{self.name} has shape {given.shape}: must be one number or {len(floes)} values, one per floe"
             )
         floes._columns[self.name][: len(floes)] = given
 
 
 class _OptionalColumn(_Column):
-    """A property that exists only where the scene asks for it; else it is None."""
+    """A property that exists only if the scene needs it; None otherwise."""
 
     def __get__(self, floes: "Floes", owner: type | None = None) -> np.ndarray | None:
         if floes is not None and self.name not in floes._columns:
@@ -85,29 +85,29 @@ class Floes:
     Parameters
     ----------
     x, y : centres [m]
-    radius, thickness : [m], greater than 0, less than 1e9 m
+    radius, thickness : radius and thickness [m], greater than 0 and less than 1e9 m
     u, v : velocity [m/s]
-    motion : bits of what is prescribed: `FIXED_X` (1), `FIXED_Y` (2), `FIXED_ROTATION` (4), or
-        their sum.  `FIXED` (7) with zero velocity is a fixed floe, with a velocity it is a driven
-        one; `COAST` (15) is a piece of land.
+    motion : which components of the motion are prescribed, as a sum of `FIXED_X` (1), `FIXED_Y` (2)
+        and `FIXED_ROTATION` (4); 0: free.  `FIXED` (7) with zero velocity is a fixed floe, with a
+        velocity a driven one; `COAST` (15) is a piece of land.
     rotation : whether the floes have an angle and an angular velocity
     angle, angular_velocity : [rad], [rad/s], counter-clockwise positive; only with `rotation=True`
 
-    Each is a number for all floes or an array of shape (n,).
+    Each is one number for all floes or an array of shape (n,).
 
     Attributes
     ----------
     x, y, u, v, radius, thickness, active, motion : arrays of shape (n,)
-    angle, angular_velocity : arrays of shape (n,), or None where floes do not rotate
-    friction, tensile_strength : each floe's own μ [1] and σ_c [Pa], shape (n,), where the contact law
-        lists a spread of them, else None; the model draws those of new floes, which are NaN till then
+    angle, angular_velocity : arrays of shape (n,), or None if the floes do not rotate
+    friction, tensile_strength : each floe's own μ [1] and σ_c [Pa], shape (n,), if the contact law
+        gives them a spread, else None; NaN for new floes until the model has drawn their values
 
-    Arrays are views on storage that grows by doubling: after `add`, take them from the floes again.
+    The arrays are views of storage that grows by doubling: after `add`, get them from the floes again.
 
     Raises
     ------
     InputError
-        with the floe's number and the value, where a value is not finite or out of its bounds.
+        naming the floe and the value, for a value that is not finite or out of bounds.
 
     Examples
     --------
@@ -120,7 +120,7 @@ class Floes:
     array([293424.8, 422531.6,  73356.2])
     """
 
-    __slots__ = "_n", "_columns"  # another name is a slip of the pen, not one more property
+    __slots__ = "_n", "_columns"  # so that a misspelled property is an error, not a new attribute
 
     x = _Column()
     y = _Column()
@@ -181,27 +181,27 @@ class Floes:
 
     @property
     def land(self) -> np.ndarray:
-        """Whether a floe is a piece of coast rather than ice, shape (n,)."""
+        """True for floes that are pieces of coast rather than ice, bool of shape (n,)."""
         return (self.motion & LAND) != 0
 
     @property
     def area(self) -> np.ndarray:
-        """π r² [m²], shape (n,)."""
+        """Areas π r² [m²], shape (n,)."""
         return np.pi * self.radius**2
 
     @property
     def volume(self) -> np.ndarray:
-        """π r² h [m³], shape (n,)."""
+        """Volumes π r² h [m³], shape (n,)."""
         return self.area * self.thickness
 
     def mass(self, density: float) -> np.ndarray:
-        """ρ π r² h [kg], shape (n,), for ice of the given density [kg/m³]."""
+        """Masses ρ π r² h [kg], shape (n,), for ice of the given density [kg/m³]."""
         if not (is_number(density) and density > 0):
             raise InputError(f"density = {in_line(density)}: must be greater than 0 kg/m³")
         return density * self.volume
 
     def moment_of_inertia(self, density: float) -> np.ndarray:
-        """m r² / 2 about the floe's axis [kg m²], shape (n,), for ice of a density [kg/m³]."""
+        """Moments of inertia m r² / 2 about the floes' axes [kg m²], shape (n,), for ice of the given density [kg/m³]."""
         return 0.5 * self.mass(density) * self.radius**2
 
     def add(
@@ -216,7 +216,7 @@ class Floes:
         angle: ArrayLike = 0.0,
         angular_velocity: ArrayLike = 0.0,
     ) -> np.ndarray:
-        """Add floes behind the last one; parameters as for `Floes`.
+        """Append floes; parameters as for `Floes`.
 
         Returns
         -------
@@ -225,7 +225,7 @@ class Floes:
         Raises
         ------
         InputError
-            as `Floes`; then no floe is added.
+            as `Floes`; no floe is added then.
         """
         given = {
             "x": x, "y": y, "radius": radius, "thickness": thickness, "u": u, "v": v,
@@ -238,7 +238,7 @@ class Floes:
         for name, value in values.items():
             _check(name, value, first)
             if name not in self._columns and np.any(value):
-                raise InputError(f"{name} is given for floes that do not rotate; say rotation=True")
+                raise InputError(f"{name} is given for floes that do not rotate; set rotation=True")
         _check_coast(values, first)
         self._reserve(first + k)
         self._n += k
@@ -249,24 +249,24 @@ class Floes:
         return np.arange(first, first + k)
 
     def allow_rotation(self) -> None:
-        """Give the floes an angle and an angular velocity, both zero, if they have none yet."""
+        """Give the floes an angle and an angular velocity, both zero, unless they have them already."""
         capacity = len(self._columns["x"])
         for name, kind in _ROTATION_TYPES.items():
             self._columns.setdefault(name, np.zeros(capacity, kind))
 
     def allow_own(self, name: str) -> None:
-        """Give each floe its own "friction" or "tensile_strength", NaN if it has none yet."""
+        """Give each floe its own "friction" or "tensile_strength" (NaN), unless the floes have it already."""
         check_word("name", name, _OWN_TYPES)
         capacity = len(self._columns["x"])
         self._columns.setdefault(name, np.full(capacity, np.nan, _OWN_TYPES[name]))
 
     def check(self) -> None:
-        """Refuse values that are not finite or out of bounds, such as an edit can leave behind.
+        """Check that all values are finite and within bounds, for instance after editing the arrays.
 
         Raises
         ------
         InputError
-            with the floe's number and the value.
+            naming the first wrong floe and value.
         """
         _motion_bits(self.motion)
         for name in self._columns:
@@ -274,9 +274,9 @@ class Floes:
         _check_coast({name: getattr(self, name) for name in self._columns}, 0)
 
     def same(self, other: "Floes", names: Iterable[str] | None = None) -> bool:
-        """Whether others have the same numbers and values.
+        """Whether other floes have bit-identical values, floe by floe.
 
-        names : of the properties that are compared, where there are such; default: all
+        names : names of the properties to compare (absent ones are ignored); default: all
         """
         if other is self:
             return True
@@ -293,7 +293,7 @@ class Floes:
         )
 
     def copy(self) -> "Floes":
-        """Floes with the same numbers and values that share nothing with these."""
+        """An independent copy, with the same numbers and values."""
         return self._some(slice(None))
 
     def columns(self) -> dict[str, np.ndarray]:
@@ -319,7 +319,7 @@ class Floes:
         return floes
 
     def go_back(self, earlier: "Floes") -> None:
-        """Become an earlier copy of these, or floes of a restart; in the same arrays, where they have room."""
+        """Take over the values of an earlier copy, or of a restart file, in the same arrays if they are large enough."""
         _check_kind(earlier)
         self._columns = {name: self._columns[name] for name in earlier._columns}
         self._reserve(len(earlier))
@@ -329,15 +329,15 @@ class Floes:
 
     @staticmethod
     def concatenate(groups: Iterable["Floes"]) -> "Floes":
-        """All floes of some groups in one, numbered in the order given; inactive ones stay so.
+        """Join groups of floes into one, numbered in the order given; inactive floes stay inactive.
 
-        They rotate if any group does; those of the other groups get angle and angular velocity
-        zero.  Likewise with a friction or strength of their own, NaN.
+        The result rotates if any group does; floes of other groups get zero angle and angular velocity.  Likewise
+        it has a friction or tensile strength per floe if any group has; it is NaN for floes of other groups.
 
         Raises
         ------
         InputError
-            for what are no floes, such as a `Coast` in place of its `floes`.
+            for anything that is not `Floes`, such as a `Coast` instead of its `floes`.
         """
         if not np.iterable(groups):
             raise InputError(f"groups = {in_line(groups)}: must be a list of Floes")
@@ -369,7 +369,7 @@ class Floes:
 
 
 def check_floes(floes: object) -> None:
-    """InputError for what are no floes, and for values that no floe may have, such as an edit can leave behind."""
+    """Raise InputError unless these are `Floes` whose values are finite and within bounds."""
     _check_kind(floes)
     floes.check()
 
@@ -408,7 +408,9 @@ def _common_length(values: dict[str, np.ndarray]) -> int:
     lengths = {name: len(value) for name, value in values.items() if value.ndim == 1}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise InputError(f"floes: different numbers of values ({told}); must be as many of each")
+        raise InputError(
+            f"floes: different numbers of values ({told}); must be the same number of each"
+        )
     return next(iter(lengths.values()), 1)
 
 
@@ -448,14 +450,14 @@ def _check_coast(values: Mapping[str, np.ndarray], first: int) -> None:
 
 
 def without_small(floes: Floes, radius: float) -> Floes:
-    """The floes of at least this radius [m], all thicker by one factor so that the volume stays.
+    """The floes of at least this radius [m], all thickened by one factor so that the volume is conserved.
 
-    The smallest floe sets the step of all.  Area and concentration become smaller.
+    The smallest floe limits the time step of all.  Area and concentration decrease.
 
     Raises
     ------
     InputError
-        if no floe is so large.
+        if no floe is that large.
     """
     keep = floes.radius >= radius
     if keep.all():

@@ -1,7 +1,7 @@
-"""Ocean and atmosphere as the ice sees them: what drives it in the cells of a grid, and the impulse they get back.
+"""Ocean and atmosphere as the ice sees them: the fields that drive it on a grid, and the impulse returned to them.
 
-Whoever drives the ice (a host, a file, a constant) writes into these arrays; `Model.advance` reads them at the floes, and
-books what their drag gave to the floes, with the opposite sign, in the cells that it was read from.
+A host, a file or a constant provides the values in these arrays; `Model.advance` reads them at the floes, and
+adds the opposite of the impulse of their drag to the cells from which they were read.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,7 +36,7 @@ FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of anot
 
 
 class _Cells:
-    """A field that somebody sets; assignment writes into the array that others may hold."""
+    """An input field; assignment writes into the existing array, to which there may be other references."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -64,7 +64,7 @@ class _Cells:
 
 
 class Fluid:
-    """Ocean or atmosphere as the ice sees it, on a grid; all arrays are flat and written in place.
+    """Ocean or atmosphere as the ice sees it, on a grid; all arrays are flat, and written in place.
 
     Attributes
     ----------
@@ -72,16 +72,16 @@ class Fluid:
     u, v : velocity at the cells' centres along x and y [m/s], set by a host or a forcing
     tilt_x, tilt_y : slope of the sea surface [1], or None
     coriolis : Coriolis parameter [1/s], or None
-    fields : all that somebody sets, by name: the above, and what a force of one's own reads
+    fields : all input fields by name: those above, and any that a user's own force reads
     impulse_x, impulse_y : impulse that the ice gave to the fluid in each cell since the start [N s]
     last_x, last_y : the part of it from the last exchange [N s]
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
-        of the ocean, else None
-    coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area of drags K |Δu| Δu, as the last
-        exchange ended, in the water that it read [kg m-2 s-1]; of the ocean, else None
-    undelivered : impulse (x, y) that found no wet cell [N s]
-    layer_thickness : of the ocean's uppermost layer [m], if a host or a scene tells it: the model then warns
-        when the host's exchanges are too rare for a stress that lags (eq. lagged-stress); default None
+        None for the atmosphere
+    coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area for drags K |Δu| Δu, at the end
+        of the last exchange, with the water velocity that it read [kg m-2 s-1]; None for the atmosphere
+    undelivered : impulse (x, y) of floes that touch no wet cell [N s]
+    layer_thickness : thickness of the ocean's uppermost layer [m], if a host or a scene sets it: the model then warns
+        when the host's exchanges are too rare for a lagged stress (eq. lagged-stress); default None
     """
 
     __slots__ = (
@@ -115,7 +115,7 @@ class Fluid:
         return self._sizes_of_drag()[1]
 
     def _sizes_of_drag(self) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Magnitude and coefficient, computed when somebody asks: few hosts do."""
+        """Magnitude and coefficient, computed on request only, as few hosts need them."""
         if self._drag is not None:
             w, number, at, floes, density = self._drag
             mass = np.where(floes.active, floes.mass(density), 0.0)
@@ -127,7 +127,7 @@ class Fluid:
         return self._sizes
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that lasts, by name."""
+        """All persistent arrays, by name."""
         names = (
             "impulse_x", "impulse_y", "last_x", "last_y", "magnitude", "coefficient", "undelivered",
         )  # fmt: skip
@@ -135,7 +135,7 @@ class Fluid:
         return {name: values for name, values in found.items() if values is not None}
 
     def refuse_not_finite(self, name: str, time: float) -> None:
-        """InputError for a number in a wet cell that none may be, as the fluid of this name has it at a time [s]."""
+        """Raise InputError for a value in a wet cell that is not finite, naming the fluid and the time [s]."""
         thickness = self.layer_thickness
         if thickness is not None and not (is_number(thickness) and thickness > 0):
             raise InputError(f"{name}.layer_thickness = {thickness!r}: must be greater than 0 m")
@@ -154,7 +154,7 @@ class Fluid:
                 )
 
     def half_curl(self) -> np.ndarray:
-        """½ (∂v/∂x − ∂u/∂y), how fast the fluid turns [1/s], shape (grid.size,)."""
+        """Rotation rate of the fluid, ½ (∂v/∂x − ∂u/∂y) [1/s], shape (grid.size,)."""
         if self._curl is None:
             self._curl = Vorticity(self.grid)
         curl = self._curl(self.u, self.v)

@@ -1,13 +1,13 @@
-"""Forces other than contacts: the equation of a new force goes here, and only here.
+"""Forces other than contact forces; a new force is added here and nowhere else.
 
-A force is a law (a few numbers), the fields that it reads at the floes (`READS`), and its acceleration with the exact
-derivative in the velocity (`acceleration`).  All forces of a scene act together in one linearly implicit step,
+A force is a law (a few parameters), the fields that it reads at the floes (`READS`), and its acceleration with the exact
+derivative with respect to velocity (`acceleration`).  All forces of a scene act together in one linearly implicit step,
 
     (1 − Δt/2 Σ J) δu = Δt Σ a(u),        J = ∂a/∂u,
 
-which is second order, gives the exact solution of quadratic drag, Δu/(1 + K|Δu|Δt), and stands still
-exactly in equilibrium.  The impulse of each force in that step, m Δt (a + ½ J δu), is booked for each
-floe: it is what the ocean and the air get back.
+which is second order, gives the exact solution for quadratic drag, Δu/(1 + K|Δu|Δt), and changes nothing
+in equilibrium.  The impulse of each force in that step, m Δt (a + ½ J δu), is recorded for each
+floe; its opposite acts on the ocean and the atmosphere.
 """
 
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ class OceanDrag(NamedTuple):
 
     Parameters
     ----------
-    density : ρ_o [kg/m³]
-    vertical : c_v,o [1], drag coefficient of the side, on 2 r D
-    horizontal : c_h,o [1], drag coefficient of the bottom, on r²
+    density : density of the water ρ_o [kg/m³]
+    vertical : drag coefficient of the side c_v,o [1], for the area 2 r D (D: draft)
+    horizontal : drag coefficient of the bottom c_h,o [1], for the area r²
     """
 
     density: Positive = 1000.0
@@ -40,9 +40,9 @@ class AirDrag(NamedTuple):
 
     Parameters
     ----------
-    density : ρ_a [kg/m³]
-    vertical : c_v,a [1], on 2 r (h − D)
-    horizontal : c_h,a [1], on r²
+    density : density of the air ρ_a [kg/m³]
+    vertical : drag coefficient of the freeboard c_v,a [1], for the area 2 r (h − D) (D: draft)
+    horizontal : drag coefficient of the top c_h,a [1], for the area r²
     """
 
     density: Positive = 1.3
@@ -55,22 +55,22 @@ class Coriolis(NamedTuple):
 
     Parameters
     ----------
-    parameter : f [1/s], positive in the northern hemisphere
+    parameter : Coriolis parameter f [1/s], positive in the northern hemisphere
     """
 
     parameter: float
 
 
 class CoriolisField(NamedTuple):
-    """Coriolis acceleration with a parameter given on the ocean's grid (`model.ocean.coriolis`)."""
+    """Coriolis acceleration with a parameter f [1/s] that varies over the ocean's grid (`model.ocean.coriolis`)."""
 
 
 class Tilt(NamedTuple):
-    """Sea-surface tilt, −g ∇η; the slope is given on the ocean's grid (eq. sea-surface-tilt).
+    """Acceleration −g ∇η by the tilt of the sea surface; the slope ∇η is given on the ocean's grid (eq. sea-surface-tilt).
 
     Parameters
     ----------
-    gravity : g [m/s²]
+    gravity : gravitational acceleration g [m/s²]
     """
 
     gravity: Positive = 9.81
@@ -81,7 +81,8 @@ class BodyForce(NamedTuple):
 
     Parameters
     ----------
-    x, y : acceleration along x and y [m/s²]
+    x : acceleration along x [m/s²]
+    y : acceleration along y [m/s²]
     """
 
     x: float = 0.0
@@ -90,7 +91,7 @@ class BodyForce(NamedTuple):
 
 Force = OceanDrag | AirDrag | Coriolis | CoriolisField | Tilt | BodyForce
 
-ACCOUNTS: dict[type, str] = {  # of each force, its line in the ledger
+ACCOUNTS: dict[type, str] = {  # name of each force's account in the ledger
     OceanDrag: "ocean drag",
     AirDrag: "wind",
     Coriolis: "Coriolis",
@@ -99,13 +100,13 @@ ACCOUNTS: dict[type, str] = {  # of each force, its line in the ledger
     BodyForce: "body force",
 }
 
-# A force at the floes is a table, a column for each floe, with as many of these rows as the force has use for:
+# The data of a force at the floes is a table with a column for each floe and those of these rows that the force needs:
 # impulse [N s] and work [J] given to the floe in this exchange; velocity of the fluid [m/s], or slope of
 # the sea surface [1]; K/m [1/m] of drag; half the curl of the fluid [1/s] and K/J [1] of its torque.
 X, Y, WORK, FLUID_U, FLUID_V, RATE, HALF_CURL, SPIN_RATE = range(8)
 PARAMETER = 3  # the Coriolis parameter [1/s], instead of a fluid
 
-# Of each force the fluid that it reads, and its fields by the rows that they come to.
+# For each force: the fluid that it reads, and the row for each of its fields.
 READS: dict[type, tuple[str, dict[str, int]]] = {
     OceanDrag: ("ocean", {"u": FLUID_U, "v": FLUID_V}),
     AirDrag: ("atmosphere", {"u": FLUID_U, "v": FLUID_V}),
@@ -127,7 +128,7 @@ DRAG_PRESETS: dict[str, tuple[OceanDrag, AirDrag]] = {
 
 
 def bulk_coefficient(drag: OceanDrag | AirDrag, radius: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Equivalent C_d [1] of a floe's area, f = ρ C_d π r² Δv|Δv|; side: draft or freeboard [m]."""
+    """Equivalent drag coefficient C_d [1] for a floe's area, f = ρ C_d π r² Δv|Δv|; side: draft or freeboard [m]."""
     return drag.vertical * 2 * side / radius + drag.horizontal
 
 
@@ -143,7 +144,7 @@ def at_floes(
     rotation: bool,
     land: np.ndarray,
 ) -> np.ndarray:
-    """Allocate what a force needs at n floes, and nothing else; nothing drags on land.
+    """Allocate the table of a force for n floes, with only the rows that it needs; there is no drag on land.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def at_floes(
 
 @dispatched
 def each_floe(force, radius, thickness, draft, mass_per_area):
-    """What a force keeps of each floe, for its rows RATE and, where floes turn, SPIN_RATE: of drag K/m [1/m] and K/J [1]."""
+    """Constants of each floe, for the rows RATE and, where floes rotate, SPIN_RATE; for drag K/m [1/m] and K/J [1]."""
     return ()
 
 
@@ -189,7 +190,7 @@ def _rates(force, radius, side, mass_per_area):
 
 
 def row(at, name, k):
-    """Row `name` of what a force knows of floe k: of its table, or, where `at` is one block of a table by block, k in it."""
+    """Row `name` of a force's table for floe k; `at` is the table, or one block of a blocked table (k is then within it)."""
     return at[name, k] if at.ndim == 2 else at[name * BLOCK + k]
 
 
@@ -201,7 +202,7 @@ def _row(at, name, k):
 
 
 class Push(NamedTuple):
-    """Acceleration [m/s²] and its derivative in the velocity [1/s]."""
+    """Acceleration [m/s²] and its derivative with respect to velocity [1/s]."""
 
     x: float
     y: float
@@ -276,7 +277,7 @@ def _(force: BodyForce, at, k, u, v):
 
 @dispatched
 def spin_up(force, at, k, omega):
-    """Angular acceleration of floe k [1/s²] and its derivative [1/s]; none but from fluids."""
+    """Angular acceleration of floe k [1/s²] and its derivative [1/s]; 0 except for drag by fluids."""
     return 0.0, 0.0
 
 
@@ -296,11 +297,11 @@ def _(force: AirDrag, at, k, omega):
 
 
 def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: float) -> float:
-    """Bound on the speed [m/s] that floes moving at `speed` can reach: fluids drag them no faster.
+    """Upper bound on the speed [m/s] that floes moving at `speed` now can reach under these forces.
 
-    In water that is where its drag holds against wind and push, of the floe that goes fastest so.
+    In water it is the speed at which the ocean's drag balances the wind and the other forces, for the fastest floe.
 
-    at : tables by block
+    at : blocked tables
     """
     tables = {type(force): here for force, here in zip(forces, at, strict=True)}
     ocean, air = tables.get(OceanDrag), tables.get(AirDrag)
@@ -319,13 +320,13 @@ def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: floa
     return max(speed, _fastest(ocean)) + (driven if push else min(driven, wind))
 
 
-# What does not push floes at rest: drag has bounds of its own.
+# Forces that do not push floes at rest, or (drag) have bounds of their own.
 _AT_REST = OceanDrag, AirDrag, Coriolis, CoriolisField
 
 
 @in_place
 def _largest_push(force, at):
-    """Largest acceleration of floes at rest by a force [m/s²]."""
+    """Largest acceleration that a force gives to floes at rest [m/s²]."""
     largest2 = 0.0
     for block in range(at.shape[0]):
         for k in range(BLOCK):
@@ -336,7 +337,7 @@ def _largest_push(force, at):
 
 @in_place
 def _fastest(at):
-    """Largest speed of a fluid at the floes, or slope."""
+    """Largest speed of a fluid, or largest slope, at the floes."""
     fastest2 = 0.0
     for block in range(at.shape[0]):
         here = at[block]
@@ -348,7 +349,7 @@ def _fastest(at):
 
 @in_place
 def _driven(ocean, air, push):
-    """Largest speed through the water at which its drag is that of the wind and a push [m/s²]; −1 with no floe in water."""
+    """Largest speed through the water [m/s] at which its drag balances the wind and a push [m/s²]; −1 if no floe is in water."""
     driven2 = -1.0
     for block in range(ocean.shape[0]):
         water = ocean[block]
@@ -361,7 +362,7 @@ def _driven(ocean, air, push):
 
 @dispatched
 def drag_at_rest(at, block, k):
-    """Acceleration by the drag of a fluid of floe k of a block, were it at rest [m/s²]; 0 without that fluid."""
+    """Acceleration [m/s²] that the drag of a fluid would give to floe k of a block at rest; 0 without that fluid."""
     u, v = row(at[block], FLUID_U, k), row(at[block], FLUID_V, k)
     return row(at[block], RATE, k) * (u * u + v * v)
 
@@ -377,10 +378,10 @@ TURN = 16.0  # in one sub-step a floe then turns by a sixteenth of a radian at m
 def add_fastest_rate(
     force: Force, at: np.ndarray, speed: float, spin: float, rate: np.ndarray
 ) -> None:
-    """Add a bound on |J| [1/s] of each floe while none moves faster than `speed` or spins faster than `spin`.
+    """Add an upper bound on |J| [1/s] for each floe while none moves faster than `speed` or spins faster than `spin`.
 
-    A turn by Coriolis force counts `TURN` times: a step is exact for the drag of one fluid, but not for a turn.
-    at : table by block; rate : (blocks, BLOCK)
+    The Coriolis rate counts `TURN` times: a step is exact for the drag of one fluid, but not for a rotation.
+    at : blocked table; rate : (blocks, BLOCK)
     """
     if isinstance(force, OceanDrag | AirDrag):
         _add_fastest_drag(at, speed, spin, rate)
@@ -394,7 +395,7 @@ def add_fastest_rate(
 
 @in_place
 def _add_rate_at(force, at, speed, rate):
-    """Add |J| of a force at this speed along each axis, the largest of four."""
+    """Add the largest |J| of a force at this speed in four directions, along the axes."""
     for block in range(at.shape[0]):
         here, fastest = at[block], rate[block]
         for k in range(BLOCK):
@@ -426,9 +427,9 @@ FORCE_BUFFER = 3 * BLOCK
 
 
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """A table as kernels take it: a row for each block of the floes of these numbers, in it the rows of the table.
+    """A table in the layout of the kernels: one row per block of the given floes, holding the rows of the table.
 
-    Filled is what follows from the floes themselves (K/m, K/J); impulse and work, and what is read of a fluid, are 0.
+    Only constants of the floes (K/m, K/J) are filled in; impulse, work and the fields of a fluid are 0.
     """
     blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
     _into_blocks(at, number, blocks)
@@ -447,9 +448,9 @@ def _into_blocks(at, number, blocks):
 
 
 def in_order(at: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """The floes at these places of a table by block, in this order.
+    """A blocked table of the floes at these places, in this order.
 
-    place : −1 of a floe that is new: it has met no fluid, and nothing drags on it
+    place : −1 for a new floe, which has read no fluid yet and feels no drag
     """
     blocks = np.zeros((-(-len(place) // BLOCK), at.shape[1]))
     _in_order(at, place, blocks)
@@ -466,13 +467,13 @@ def _in_order(at, place, blocks):
 
 
 def lanes(at: np.ndarray, name: int) -> np.ndarray:
-    """One row of a table by block, (blocks, BLOCK), as a view."""
+    """One row of a blocked table, (blocks, BLOCK), as a view."""
     return at[:, name * BLOCK : (name + 1) * BLOCK]
 
 
 @in_place
 def given(at):
-    """Impulse x, y [N s] and work [J] that a force gave to all floes, from its table by block."""
+    """Impulse x, y [N s] and work [J] that a force gave to all floes, from its blocked table."""
     x, y, work = 0.0, 0.0, 0.0
     for block in range(at.shape[0]):
         here = at[block]
@@ -484,7 +485,7 @@ def given(at):
 
 
 def accelerations(forces, at, block, k, u, v):
-    """a and J of each force, of floe k of a block."""
+    """Acceleration a and derivative J of each force, for floe k of a block."""
     return tuple(
         acceleration(f, table[block], k, u, v) for f, table in zip(forces, at, strict=True)
     )
@@ -548,7 +549,7 @@ def book_one(a, at, k, u, v, du, dv, mass):
 
 
 def torques(forces, at, block, k, omega):
-    """The angular acceleration from each force, and its derivative, of floe k of a block."""
+    """Angular acceleration by each force, and its derivative, for floe k of a block."""
     return tuple(spin_up(f, table[block], k, omega) for f, table in zip(forces, at, strict=True))
 
 
@@ -563,7 +564,7 @@ def _torques(forces, at, block, k, omega):
 
 
 def total_spin(a):
-    """Their sum."""
+    """The sum of the angular accelerations, and of their derivatives, over the forces."""
     return tuple(map(sum, zip((0.0, 0.0), *a, strict=True)))
 
 

@@ -1,12 +1,12 @@
-"""Velocities that drive the floes: constants, functions of place and time, or files.
+"""Forcing: velocities that drive the floes, as constants, functions of place and time, or files.
 
 A source has `fill(t, u, v)`, which writes the velocity [m/s] at the cells of a grid into two flat arrays, at t
 seconds after the start of the run, along the x and y axes of the floes' plane; and `span`, the first and last
-t for which it can, or None if always.  The model does not know where its velocities come from: a host model
-fills the same arrays.
+t that it covers, or None if it covers all.  The model does not depend on where its velocities come from: a host
+model fills the same arrays.
 
-For a file all the geometry is done once.  With z = u + i v, places, turns, face averages, units and masks
-are one sparse complex matrix M, and every record costs one product, z_cells = M [u; v].
+For a file the geometry is computed only once.  With z = u + i v, the interpolation, rotations, averages over faces,
+units and masks form one sparse complex matrix M, and each record costs one product, z_cells = M [u; v].
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ __all__ = [
 
 
 class VelocitySource(Protocol):
-    """What a run asks of a forcing."""
+    """Interface of a forcing."""
 
     @property
     def span(self) -> tuple[float, float] | None:
@@ -109,7 +109,7 @@ class VelocitySource(Protocol):
 
 @final
 class Constant:
-    """The same velocity everywhere and always.
+    """A velocity that is uniform in space and constant in time.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Constant:
     Raises
     ------
     InputError
-        for what is not two finite numbers.
+        unless both are finite numbers.
     """
 
     span = None
@@ -142,15 +142,15 @@ class Function:
 
     Parameters
     ----------
-    u, v : numbers [m/s], or callables that take x, y (grid.size,) [m] and t [s] and return a number or an
+    u, v : numbers [m/s], or functions of x, y (grid.size,) [m] and t [s] that return a number or an
         array (grid.size,) [m/s]
-    grid : the grid whose cells are filled
+    grid : grid at whose cells the functions are evaluated
 
     Raises
     ------
     InputError
-        for what is no grid, and a function of other arguments; from `fill`, if a function returns another shape or a value
-        that is not finite.
+        if `grid` is not a Grid, or a function takes other arguments; from `fill`, if a function returns another shape or
+        a value that is not finite.
     """
 
     span = None
@@ -189,50 +189,49 @@ class Function:
 
 @final
 class VelocityFile:
-    """Currents or wind from NetCDF or Zarr, on the cells of a grid, in the floes' plane.
+    """Ocean currents or wind from NetCDF or Zarr, interpolated to the cells of a grid in the floes' plane.
 
-    Two records are in memory, as values at the grid's cells; of each record only the block of points around
-    the grid is read.
+    Two records are held in memory, as values at the grid's cells; only the block of points around the grid is
+    read from each record.
 
     Parameters
     ----------
-    path : a file, several that hold the parts (u, v, positions, masks), or an opened xarray data set (for many
-        files in a row: `xarray.open_mfdataset`)
+    path : a file, several files that hold the parts (u, v, positions, masks), or an open xarray data set (for a
+        series of files: `xarray.open_mfdataset`)
     grid : the cells to fill; only its wet cells need data
     kind : "ocean" (surface current) or "wind" (10 m)
-    projection : the plane of grid.x, grid.y: PROJ string, EPSG code …; None if it is the file's own x, y
-    variables : names (u, v); default: by standard_name, else by well-known names
-    start : the date of t = 0; default: the first record
-    vectors : "east-north" (components along east and north) or "grid" (along the source's own axes, positive where
-        their coordinates grow); "auto" takes what standard_name, a staggered grid, or an `angle` says
-    stagger : see `floebmi.cgrid`
-    depth : of all levels the one nearest to this depth, of wind to this height, is taken [m]; default: the surface of
-        the ocean, wind at 10 m
+    projection : map projection of grid.x, grid.y: PROJ string, EPSG code …; None if these are the file's own x, y
+    variables : names (u, v); default: found by standard_name, else by well-known names
+    start : date of t = 0; default: the first record
+    vectors : "east-north" (components along east and north) or "grid" (along the source's own axes, positive towards
+        increasing coordinates); "auto" decides by standard_name, a staggered grid, or a variable `angle`
+    stagger : position of u and v on a C grid, see `floebmi.cgrid`
+    depth : depth (for wind: height) [m]; the nearest level is read; default: the surface of the ocean, wind at 10 m
     select : index along a dimension that is neither time, level nor horizontal, {"member": 3}
-    units : units of the components if the file does not say them, or says them wrong
-    mask : name of the land-sea mask at the centres; "auto" finds one (kind "ocean"), "none" takes NaN alone
-    fill_land : what a wet cell without water of the source around it gets: "error", the velocity of the
-        "nearest" water, or 0 ("dry": mask the grid with `covered` then)
+    units : units of the components if the file states none or wrong ones
+    mask : name of the land-sea mask at the cell centres; "auto" looks for one (kind "ocean"), "none" goes by NaN alone
+    fill_land : what a wet cell gets if the source has no water around it: "error", the velocity of the
+        "nearest" water, or 0 ("dry"; then mask the grid with `covered`)
     position, file_projection : see `floebmi.places.place_of`
     beyond_span : "error", "hold" or "repeat", see `floebmi.clock.Clock`
-    calendar : CF calendar that the file's dates must be of, that of the run; default: any
+    calendar : CF calendar of the run, which the file's dates must have too; default: any
 
     Attributes
     ----------
     covered : (grid.size,) bool, True where there are data
-    projection : the plane, as given or the file's own; None if the file does not say
+    projection : the map projection, as given or the file's own; None if the file states none
     span : first and last time [s] with data, or None
 
     Notes
     -----
-    A point of the source is used if the mask says water and its first record is not NaN.  A value that is
-    NaN later is an error, never land.  Interpolation is bilinear between used points alone, weights scaled
+    A point of the source is used if the mask says water and its first record is not NaN.  A NaN in a later
+    record is an error, not land.  Interpolation is bilinear between used points only, with weights scaled
     to sum to 1.
 
     Raises
     ------
     InputError
-        whenever the file leaves open what is meant, or does not cover the wet cells.
+        if the file is ambiguous, or does not cover the wet cells.
     """
 
     def __init__(
@@ -311,12 +310,12 @@ class VelocityFile:
 
     @property
     def first_date(self) -> str | None:
-        """The date of the first of several records; None if one holds always, or if times are no dates."""
+        """The date of the first of several records; None for a single record that holds at all times, or times without dates."""
         return self._clock.first_date
 
     @property
     def calendar(self) -> str | None:
-        """CF calendar of its dates; None if it has none."""
+        """CF calendar of the file's dates; None if it has no dates."""
         return self._clock.calendar
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
@@ -325,7 +324,7 @@ class VelocityFile:
         Raises
         ------
         InputError
-            outside the file's times, or for a value that is not a velocity, with variable, index and date.
+            outside the file's times, or for a value that cannot be a velocity, naming variable, index and date.
         """
         before, after, weight = self._clock.bracket(t)
         z = self._record(before)
@@ -364,9 +363,9 @@ class VelocityFile:
     def _to_centres(
         self, centres: cgrid.Centres, box: Box, factors: list[float]
     ) -> tuple[sparse.csr_matrix, sparse.csr_matrix, np.ndarray]:
-        """Matrices from each component's own points to a box of centres, in m/s, and where there is water.
+        """Matrices from each component's own points to a box of cell centres, in m/s, and the water mask there.
 
-        Sets the boxes of points that are to be read.
+        Also sets the boxes of points to read.
         """
         (u, v), place = (self._u, self._v), centres.place
         along_u, u_columns = cgrid.mean_of_faces(
@@ -395,7 +394,7 @@ class VelocityFile:
         water: np.ndarray | None,
         masks: tuple[str, ...],
     ) -> np.ndarray:
-        """1.0 where a component has a value and the masks let it flow, else 0.0: (points of box,)."""
+        """1.0 where a component has a value and is not blocked by the masks, else 0.0: (points of box,)."""
         is_open = np.isfinite(part.read(0, box)).ravel()
         if water is not None:
             own = find_mask(part.file, part.dims, masks)
@@ -405,7 +404,7 @@ class VelocityFile:
     def _angle(
         self, centres: cgrid.Centres, word: str | None, vectors: Vectors, box: Box
     ) -> tuple[np.ndarray, str]:
-        """Angle [rad] from the plane's x axis to that of the components, in a box, and its name."""
+        """Angle [rad] from the plane's x axis to that of the components, in a box, and the name of that axis."""
         place, data = centres.place, centres.file.data
         angle = next(
             (n for n in ("angle", "ANGLE", "anglet")
@@ -425,7 +424,7 @@ class VelocityFile:
         return place.own(box), "east, north" if place.east_is_x else "grid axes"
 
     def _axes_meant(self, centres: cgrid.Centres, word: str | None, has_angle: bool) -> Vectors:
-        """Which axes the components are along, from what the file says; an error if it does not."""
+        """The axes of the components, as the file states them; an error if it does not."""
         place = centres.place
         if place.east_is_x or not place.knows_east:
             return "grid"
@@ -448,7 +447,7 @@ class VelocityFile:
         )
 
     def _by_angle(self, centres: cgrid.Centres, name: str, box: Box) -> np.ndarray:
-        """The angle by a file's own angle from east (ROMS), checked against the places of its points."""
+        """The angle from a file's own angle to east (ROMS), checked against the positions of its points."""
         place, array = centres.place, centres.file.data[name]
         own = np.asarray(array.transpose(*centres.dims)[tuple(box)].values, float)
         if str(array.attrs.get("units", "radians")).lower().startswith("deg"):
@@ -471,7 +470,7 @@ class VelocityFile:
 
 
 def _takes_three(function: Callable) -> bool:
-    """Whether it can be called with three arguments; true of what does not tell, as functions in C."""
+    """Whether it can be called with three arguments; True for callables without a signature, such as C functions."""
     try:
         inspect.signature(function).bind(None, None, None)
     except TypeError:
@@ -486,7 +485,7 @@ def _scaled_by(factors: list[float]) -> str:
 
 
 def _turned_by(turned: sparse.csr_matrix) -> str:
-    """The angles between which components are turned at the cells, as text."""
+    """The range of angles by which components are rotated at the cells, as text."""
     axis = np.asarray(turned.sum(axis=1)).ravel()
     axis = axis[axis != 0]
     if not axis.size or not np.any(axis.imag):

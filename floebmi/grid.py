@@ -1,12 +1,12 @@
-"""Exchange grids: where the host's numbers live, and which of its cells are wet.
+"""Exchange grids: the cells of the host model, and which of them are wet.
 
-Four kinds are one thing here: every cell is a simple polygon with its corners counter-clockwise, an
-exact area (shoelace) and a centroid.  What differs is how the cells around a floe are found.  On
-rectilinear grids a table along each axis tells the column; on the others a raster of bins, laid
-over the grid, lists the cells that reach into each bin.  Neither takes longer on larger grids.
+All four kinds of grid share one representation: every cell is a simple polygon with its corners
+counter-clockwise, an exact area (shoelace formula) and a centroid.  They differ in how the cells around
+a floe are found.  On rectilinear grids a look-up table along each axis gives the column; on the others a
+raster of bins over the grid lists the cells that reach into each bin.  The cost of neither grows with the grid.
 
-A point on an edge belongs to one cell only, the one to its east or north, so the grid's own east
-and north rim is outside.  Fields are flat, in C order: shape (size,).
+A point on an edge belongs to one cell only, the one to its east or north, so the east and north rims
+of the grid are outside.  Fields are flat, in C order: shape (size,).
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Axes(NamedTuple):
 class Bins(NamedTuple):
     """A raster of bins over the grid; bin b lists the cells cell[start[b]:start[b + 1]].
 
-    numba_celltree would serve too: 5 ms for the candidates of 10 000 discs among 40 000 cells.  But
-    it compiles for 27 s when first used; these bins do so in 1 s, and take 2.5 ms.
+    numba_celltree is an alternative: it takes 5 ms to find the candidates of 10 000 discs among 40 000 cells,
+    but compiles for 27 s at first use; these bins take 2.5 ms, and compile in 1 s.
     """
 
     origin: np.ndarray  # (2,) south-west corner of the raster [m]
@@ -77,15 +77,15 @@ def column(axis, x):
 
 @jit
 def bin_of(x, origin, scale, count):
-    """Bin along one axis; it grows with x, so no point of a cell is in a bin before the cell's."""
+    """Bin along one axis; it increases with x, so no point of a cell is in a bin before the cell's first."""
     return int(min(max((x - origin) * scale, 0.0), count - 1.0))
 
 
 @jit
 def contains(corner_x, corner_y, x, y):
-    """Whether a polygon holds a point, by the parity of the edges east of it.
+    """Whether a polygon contains a point, by the parity of the edges east of it.
 
-    Each edge is read from its lower to its upper end, so that two cells that share it decide alike.
+    Each edge is evaluated from its lower to its upper end, so that two cells that share it agree.
     """
     inside = False
     k = corner_x.size - 1
@@ -120,7 +120,7 @@ def blocks(
 
     Parameters
     ----------
-    first_x, count_x, first_y, count_y : (n,) int, first column and row of each block, and how many
+    first_x, count_x, first_y, count_y : (n,) int, first column and row of each block, and their numbers
 
     Returns
     -------
@@ -136,7 +136,7 @@ def blocks(
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class Grid:
-    """A grid of polygonal cells in the plane, some wet, some dry.  Its arrays are read-only.
+    """A grid of polygonal cells in the plane, each of them wet or dry.  Its arrays are read-only.
 
     Made by `Grid.uniform`, `Grid.rectilinear`, `Grid.curvilinear` or `Grid.unstructured`.
 
@@ -146,10 +146,10 @@ class Grid:
     shape : (ny, nx), or (n_cells,) if unstructured
     x, y : (size,) cell centres: the centroids [m]
     area : (size,) cell areas by the shoelace formula [m²]
-    wet : (size,) bool, True where the fluid is
+    wet : (size,) bool, True for cells with fluid, False for land
     node_x, node_y : (n_nodes,) corners of the cells [m]
     face_nodes : (size, most corners) int64, nodes of each cell counter-clockwise, padded with -1
-    x_edges, y_edges : (nx + 1,), (ny + 1,) [m] on rectilinear grids, None on the others
+    x_edges, y_edges : (nx + 1,), (ny + 1,) cell edges [m] of rectilinear grids, None for the others
     """
 
     kind: GridKind
@@ -173,7 +173,7 @@ class Grid:
         shape: tuple[int, int] | None = None,
         wet: np.ndarray | None = None,
     ) -> Grid:
-        """Equal rectangles that fill x = (west, east), y = (south, north) [m].
+        """A grid of equal rectangles that fill x = (west, east), y = (south, north) [m].
 
         Give either `spacing` [m], one number or (dx, dy), which must divide the sides, or `shape`
         (ny, nx).
@@ -182,7 +182,7 @@ class Grid:
         ------
         InputError
             for an empty rectangle, a spacing that does not divide it, both or neither of spacing
-            and shape, more cells than int32 counts.
+            and shape, and more cells than int32 can count.
         """
         west, east = _interval("x", x)
         south, north = _interval("y", y)
@@ -203,12 +203,12 @@ class Grid:
     def rectilinear(
         cls, x_edges: Sequence[float], y_edges: Sequence[float], wet: np.ndarray | None = None
     ) -> Grid:
-        """Rectangles between edges [m] that grow from west to east and from south to north.
+        """A grid of rectangles between edges [m] that increase from west to east and from south to north.
 
         Raises
         ------
         InputError
-            for fewer than two edges, edges that do not grow, more cells than int32 counts.
+            for fewer than two edges, edges that do not increase, and more cells than int32 can count.
         """
         edges = _edges("x_edges", x_edges), _edges("y_edges", y_edges)
         _check_number(len(edges[1]) - 1, len(edges[0]) - 1)
@@ -218,15 +218,15 @@ class Grid:
     def curvilinear(
         cls, x_corners: np.ndarray, y_corners: np.ndarray, wet: np.ndarray | None = None
     ) -> Grid:
-        """Quadrilaterals between corners [m] of shape (ny + 1, nx + 1).
+        """A grid of quadrilaterals with corners [m] of shape (ny + 1, nx + 1).
 
-        The rows may run either way: cells that come out clockwise (all of them) are stored
-        counter-clockwise, which leaves the cells and their order as they are.
+        The rows may run in either direction: if all cells are clockwise, their corners are stored
+        counter-clockwise; the order of the cells does not change.
 
         Raises
         ------
         InputError
-            for a fold (cells of both orientations), a cell without area, a cell whose edges cross.
+            for a folded grid (cells of both orientations), a cell without area, and a cell whose edges cross.
         """
         x, y = _finite("x_corners", x_corners), _finite("y_corners", y_corners)
         if x.ndim != 2 or x.shape != y.shape or min(x.shape) < 2:
@@ -252,17 +252,17 @@ class Grid:
         faces: np.ndarray | Sequence[Sequence[int]],
         wet: np.ndarray | None = None,
     ) -> Grid:
-        """Polygons, convex or concave, with corners at nodes [m]; cells that touch share nodes.
+        """A grid of polygons, convex or concave, with corners at nodes [m]; adjacent cells share nodes.
 
         `faces` holds the node numbers (from 0) of each cell, as a list of lists or an integer array
-        padded with -1 on the right, or masked there.  Meshes come in both orientations: a clockwise face is stored
-        counter-clockwise, its first node first.
+        padded with -1 on the right, or masked there.  Either orientation is accepted: a clockwise face is stored
+        counter-clockwise, with the same first node.
 
         Raises
         ------
         InputError
             for a face with fewer than three nodes, an unknown or repeated node, no area, edges that
-            cross or touch, or an edge that two cells have on the same side (they overlap).
+            cross or touch, or an edge with two cells on the same side (they overlap).
         """
         x, y = _finite("node_x", node_x), _finite("node_y", node_y)
         if x.ndim != 1 or x.shape != y.shape:
@@ -384,7 +384,7 @@ class Grid:
         return Bins(origin, scale, start, cell[np.argsort(b, kind="stable")], low, box, raster)
 
     def with_wet(self, mask: np.ndarray) -> Grid:
-        """The same cells, another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet.
+        """The same grid with another mask: bool (or 0 and 1), shape (size,) or `shape`, True = wet.
 
         Raises
         ------
@@ -397,11 +397,11 @@ class Grid:
         return other
 
     def locate(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """The cell that holds each point, -1 outside the grid.
+        """The number of the cell that contains each point, -1 outside the grid.
 
         Parameters
         ----------
-        x, y : (n,) [m]; a point on an edge is in the cell to its east or north
+        x, y : (n,) positions [m]; a point on an edge is in the cell to its east or north
 
         Returns
         -------
@@ -437,7 +437,7 @@ class Grid:
 
 
 def check_grid(name: str, grid: object) -> None:
-    """InputError for what is no grid."""
+    """Raise InputError for anything that is not a Grid."""
     if not isinstance(grid, Grid):
         raise InputError(f"{name} = {in_line(grid)}: must be a Grid")
 
@@ -562,7 +562,7 @@ def _face_table(faces: np.ndarray | Sequence[Sequence[int]], n_nodes: int) -> np
 
 
 def _check_edges_once(faces: np.ndarray) -> None:
-    """Two cells that share an edge go along it in opposite directions; otherwise they overlap."""
+    """Refuse overlapping cells: two cells that share an edge must run along it in opposite directions."""
     following, real = following_nodes(faces), faces >= 0
     cell = np.broadcast_to(np.arange(len(faces))[:, None], faces.shape)[real]
     directed = np.stack([faces[real], following[real]], axis=1)
@@ -577,7 +577,7 @@ def _check_edges_once(faces: np.ndarray) -> None:
 
 
 def following_nodes(faces: np.ndarray) -> np.ndarray:
-    """Of each node of faces padded with -1 the next one around the face, of the same shape; padding means nothing."""
+    """The next node around the face for each node of faces padded with -1, of the same shape; values at padding are arbitrary."""
     following = np.roll(faces, -1, axis=1)
     following[np.arange(len(faces)), (faces >= 0).sum(axis=1) - 1] = faces[:, 0]
     return following

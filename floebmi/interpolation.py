@@ -1,8 +1,8 @@
 """Bilinear interpolation in a source's own index space, as a sparse matrix.
 
 A source is an array of points (row, column).  Each target point gets a fractional index into it, found
-on two axes or in a net of quadrilaterals, and from it four weights.  Dry points take no part: the rest are
-scaled to sum to 1, and a target with no wet point around it has an empty row.  The matrix is made once;
+on two axes or in a mesh of quadrilaterals, and four weights from that.  Dry points are left out and the other weights
+scaled to sum to 1; a target with no wet point around it has an empty row.  The matrix is made once;
 each record then costs one product.
 
     rows (j+1)   c ────── d        value = (1-s)(1-t) a + s (1-t) b + (1-s) t c + s t d
@@ -40,14 +40,14 @@ class Corners(NamedTuple):
 
     @property
     def outside(self) -> np.ndarray:
-        """(n,) bool, the targets outside the source."""
+        """(n,) bool, True for targets outside the source."""
         return np.isnan(self.weight[:, 0])
 
 
 def on_axis(axis: np.ndarray, x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Fractional index of x on a monotonic axis, NaN outside low … high and in holes (`holes`).
+    """Fractional index of x on a monotonic axis, NaN outside low … high and in gaps of the axis (`holes`).
 
-    Between an end of the axis and `low` or `high`, and half a step into a hole, the index is that of the end.
+    Between an end of the axis and `low` or `high`, and up to half a step into a gap, the index is that of the end.
     """
     order = slice(None) if axis.size < 2 or axis[0] < axis[-1] else slice(None, None, -1)
     index = np.interp(x, axis[order], np.arange(axis.size, dtype=float)[order])
@@ -62,15 +62,15 @@ def on_axis(axis: np.ndarray, x: np.ndarray, low: float, high: float) -> np.ndar
 
 
 def holes(axis: np.ndarray) -> np.ndarray:
-    """Where a monotonic axis has holes: the indices of the points before them."""
+    """Gaps of a monotonic axis: the indices of the points before them."""
     step = np.abs(np.diff(axis))
     return 1 + np.flatnonzero(step[1:-1] > _HOLE * np.maximum(step[:-2], step[2:]))
 
 
 def half_cell_ends(axis: np.ndarray) -> tuple[float, float]:
-    """Where the outermost cells of a monotonic axis of centres end: half a spacing beyond them.
+    """Outer bounds of a monotonic axis of cell centres: half a spacing beyond the outermost centres.
 
-    A millionth of the spacing is added: places at the very end have been through a projection.
+    A millionth of the spacing is added, because positions at the very end carry the round-off of a projection.
     """
     half = 0.5 + 1e-6
     first = axis[0] - half * (axis[1] - axis[0])
@@ -94,10 +94,10 @@ def corners(row: np.ndarray, column: np.ndarray, shape: tuple[int, int]) -> Corn
 def in_net(
     net_x: np.ndarray, net_y: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fractional (row, column) of the points x, y (n,) in a net of points (ny, nx), NaN outside.
+    """Fractional (row, column) of the points x, y (n,) in a mesh of points (ny, nx), NaN outside.
 
-    The net ends half a spacing beyond its outermost points, where the index stays that of the outermost.
-    Points of the net without a place (NaN) leave holes, and so does what is torn (`_torn`).
+    The mesh ends half a spacing beyond its outermost points; there the index is that of the outermost point.
+    Mesh points without a position (NaN) leave gaps, and so do torn quadrilaterals (`_torn`).
     """
     row = np.full(x.size, np.nan)
     column = np.full(x.size, np.nan)
@@ -127,12 +127,12 @@ def in_net(
 
 
 def _four(net: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The corners a, b, c, d of all quadrilaterals of a net, as views."""
+    """The corners a, b, c, d of all quadrilaterals of a mesh, as views."""
     return net[:-1, :-1], net[:-1, 1:], net[1:, :-1], net[1:, 1:]
 
 
 def _spans(corner: tuple[np.ndarray, ...], x: np.ndarray) -> np.ndarray:
-    """True where a quadrilateral reaches into the interval that the targets x span."""
+    """True where a quadrilateral reaches into the interval spanned by the targets x."""
     low = np.minimum(np.minimum(corner[0], corner[1]), np.minimum(corner[2], corner[3]))
     high = np.maximum(np.maximum(corner[0], corner[1]), np.maximum(corner[2], corner[3]))
     with np.errstate(invalid="ignore"):
@@ -140,11 +140,11 @@ def _spans(corner: tuple[np.ndarray, ...], x: np.ndarray) -> np.ndarray:
 
 
 def _torn(corner_x: tuple[np.ndarray, ...], corner_y: tuple[np.ndarray, ...]) -> np.ndarray:
-    """True where the plane is torn in a quadrilateral of a net of the globe, with those of the rim.
+    """True where the projection tears a quadrilateral of a mesh on the globe, rim included.
 
-    About the place opposite to the plane's middle, and across its seam, corners that are neighbours on the globe
-    are far apart in the plane, and what is drawn between them lies over other places, turned over against most.
-    The rim is torn where the quadrilateral beside it is.
+    Around the antipode of the projection's centre, and across its seam, corners that are neighbours on the globe are far
+    apart in the plane; the quadrilateral between them covers other places, with the opposite orientation to most.
+    A rim quadrilateral is torn if the one next to it is.
     """
     (ax, bx, cx, dx), (ay, by, cy, dy) = corner_x, corner_y
     area = (dx - ax) * (cy - by) - (dy - ay) * (cx - bx)  # twice, with its sign
@@ -152,7 +152,7 @@ def _torn(corner_x: tuple[np.ndarray, ...], corner_y: tuple[np.ndarray, ...]) ->
 
 
 def _with_rim(net: np.ndarray) -> np.ndarray:
-    """The net (ny, nx) with a rim of points half a spacing outside: (ny + 2, nx + 2)."""
+    """The mesh (ny, nx) with a rim of points half a spacing outside: (ny + 2, nx + 2)."""
     for _ in range(2):
         first, last = 1.5 * net[0] - 0.5 * net[1], 1.5 * net[-1] - 0.5 * net[-2]
         net = np.vstack([first, net, last]).T
@@ -162,7 +162,7 @@ def _with_rim(net: np.ndarray) -> np.ndarray:
 def _containing(
     corner: np.ndarray, x: np.ndarray, y: np.ndarray, tries: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The quadrilateral (m, 4, 2) that holds each point, -1 if none, and the place (s, t) in it."""
+    """The quadrilateral (m, 4, 2) that contains each point, -1 if none, and the position (s, t) in it."""
     quad = np.full(x.size, -1)
     s, t = np.zeros(x.size), np.zeros(x.size)
     point = np.stack([x, y], axis=1)
@@ -183,7 +183,7 @@ def _containing(
 
 
 def _inverse_bilinear(corner: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(s, t) with a + s (b-a) + t (c-a) + s t (a-b-c+d) = point, by Newton from the middle."""
+    """(s, t) with a + s (b-a) + t (c-a) + s t (a-b-c+d) = point, by Newton's method from the centre."""
     a, b, c, d = (corner[:, k] for k in range(4))
     along, across, twist = b - a, c - a, a - b - c + d
     s = np.full(len(point), 0.5)
@@ -227,7 +227,7 @@ def nearest(
     source: tuple[np.ndarray, np.ndarray],
     wet: np.ndarray,
 ) -> tuple[sparse.csr_matrix, float]:
-    """Fill the rows of `matrix` that are empty with the nearest wet point; also the largest distance [m].
+    """Fill the given empty rows of `matrix` with the nearest wet point; also returns the largest distance [m].
 
     Parameters
     ----------

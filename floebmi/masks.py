@@ -1,7 +1,7 @@
-"""Which points of a source are water: its land-sea mask, if it has one.
+"""Land-sea masks: which points of a source are water.
 
-In ocean models 1 is water (`mask_rho`, `tmask`, `wet`); in the atmosphere 1 is land (`lsm`).  A file that
-says which is which (flag_meanings, standard_name) is believed before the name.
+In ocean models 1 means water (`mask_rho`, `tmask`, `wet`), in atmosphere models 1 means land (`lsm`).  What the
+file states (flag_meanings, standard_name) takes precedence over the variable's name.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Mask(NamedTuple):
     water: float  # its value where there is water
 
     def read(self, box: Box) -> np.ndarray:
-        """True where there is water, in a box; no value is land."""
+        """True where there is water, in a box; a missing value is land."""
         array = self.file.data[self.name]
         index: dict[str, object] = {d: 0 for d in array.dims if d not in self.dims}
         index |= dict(zip(self.dims, box, strict=True))
@@ -51,7 +51,7 @@ def find_mask(
 ) -> Mask | None:
     """The mask along `dims` (rows, columns), the first of `names` that fits, or None.
 
-    Without names, masks are known by standard_name, then by well-known names; those of other points of a
+    Without names, masks are recognised by standard_name, then by well-known names; masks for other points of a
     staggered grid have other dimensions.
     """
     fitting = [
@@ -77,7 +77,7 @@ def find_mask(
 def choose_mask(
     mask: str, file: File, files: Sequence[File], dims: tuple[str, ...], auto: bool
 ) -> Mask | None:
-    """The mask that is meant by its name, by "auto" (where `auto` allows one), or None for "none".
+    """The mask of the given name, or the one found by "auto" (if `auto` allows one), or None for "none".
 
     It is looked for in `file`, then in those of `files` with the same points.
 
@@ -104,7 +104,7 @@ def choose_mask(
 
 
 def water_value(file: File, name: str) -> float | None:
-    """The value, 1 or 0, that a mask or fraction has where there is water; None if nothing tells."""
+    """The value, 1 or 0, of a mask or fraction where there is water; None if the file does not say."""
     attrs = file.data[name].attrs
     meanings = str(attrs.get("flag_meanings", "")).lower().split()
     flags = attrs.get("flag_values", [])
@@ -131,7 +131,7 @@ def water_value(file: File, name: str) -> float | None:
 
 
 def _values_in_words(attrs: dict[str, object]) -> dict[float, str]:
-    """What 0 and 1 are by words such as "1 = land, 0 = sea" or "land: 1"."""
+    """The meaning of 0 and 1, from words such as "1 = land, 0 = sea" or "land: 1"."""
     text = " ".join(str(attrs.get(name, "")) for name in _NOTES).lower()
     kind = "land|sea|water|ocean"
     found = re.findall(rf"\b([01]) ?(?:=|:|is|for) ?({kind})\b", text)

@@ -1,4 +1,4 @@
-"""Floes that lie over each other or over a wall: what a start is refused for, and an edit that puts them there."""
+"""Overlapping floes, or floes over a wall, for which the start of a run, or an edit of the floes, is refused."""
 
 from typing import NamedTuple
 
@@ -26,23 +26,23 @@ class Overlap(NamedTuple):
 def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Overlap]:
     """Pairs that overlap by more than `allowed` of the smaller radius, the worst first.
 
-    Two pieces of coast may lie over each other as they like.
+    Pieces of coast may overlap each other by any amount.
 
     Parameters
     ----------
-    floes : the active ones are looked at
-    domain : its periods
-    allowed : share of the smaller radius [1]; 0 tells every overlap
+    floes : floes to check; only active ones count
+    domain : their domain, for its periods
+    allowed : largest permitted overlap over the smaller radius [1]; with 0 every overlap is reported
 
     Returns
     -------
-    list of `Overlap`: floe numbers i < j, overlap [m], share of the smaller radius [1]
+    list of `Overlap`: floe numbers i < j, overlap [m], and its ratio to the smaller radius [1]
 
     Raises
     ------
     InputError
-        for what are no floes or no domain, values that no floe may have, an `allowed` that is no number, and a period
-        so short that two floes could meet on both sides, or a lone floe itself.
+        for anything that is not Floes or a Domain, invalid floes, an `allowed` that is not a number, and a period
+        so short that two floes could touch on both sides, or a floe could touch itself.
     """
     check_domain(domain)
     check_floes(floes)

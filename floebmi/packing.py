@@ -1,6 +1,6 @@
-"""Where the floes lie at the start: scattered, on a lattice, from gridded fields, from files.
+"""Initial positions of floes: scattered, on a lattice, from gridded fields, or from files.
 
-How scattered floes find their places is in laying.py, the land that they keep clear of in barrier.py.
+The algorithm for scattered floes is in laying.py, the land that they keep clear of in barrier.py.
 """
 
 import warnings
@@ -29,7 +29,7 @@ WHOLE_ROWS = 0.03  # the same on a lattice
 
 
 class IceNotPlaced(UserWarning):
-    """Ice of a field that found no room."""
+    """Warning: part of the ice in a field could not be placed as floes."""
 
 
 def scatter(
@@ -41,34 +41,34 @@ def scatter(
     seed: int = 0,
     land: Land | None = None,
 ) -> Floes:
-    """Floes in random places that do not overlap.
+    """Floes in random places without overlap.
 
-    The area of ice is even over the domain, down to a radius from its edges.  So floes that would
-    reach over an edge that is not periodic are pushed back until they touch it, and lie along it in
-    loose packs, too.
+    The ice is spread evenly over the domain, up to within a radius of its edges: floes that would
+    reach over an edge that is not periodic are pushed back until they touch it, so that even in
+    loose packs some floes lie along the edges.
 
     Parameters
     ----------
-    domain : floes cross periodic edges, and lie wholly inside the others
-    sizes : the distribution of radii
-    concentration : area of floes over the area of the domain that is not land, met within 0.5 %.
-        About 0.85 is reached by any sizes, 0.88 by radii that differ by a factor of 2, where edges
-        are periodic or floes are thousands; a few hundred between other edges reach some hundredths
-        less, and equal ones by luck of the seed
-    count : number of floes, in place of a concentration
-    thickness : of all floes [m]
-    seed : of the random numbers; the same seed gives the same floes, bit for bit
-    land : kept free, as is its shore: a `Coast`, a `Grid` (its dry cells), or rings as in
+    domain : floes may lie across its periodic edges, and lie wholly inside the others
+    sizes : floe size distribution
+    concentration : area of floes over the area of the domain that is not land [1], met within 0.5 %.
+        With periodic edges, or with thousands of floes, about 0.85 is reached for any sizes and 0.88 for
+        radii that differ by a factor of 2; a few hundred floes between other edges reach some hundredths
+        less, and whether equal floes do depends on the seed
+    count : number of floes, instead of a concentration
+    thickness : thickness of all floes [m]
+    seed : seed of the random numbers; the same seed gives the same floes, bit for bit
+    land : land and shore to keep free: a `Coast`, a `Grid` (its dry cells), or rings as in
         `from_polygons`; a coast's own floes are not part of the result
 
     Returns
     -------
-    Floes, numbered in the order of space, so that neighbours have numbers close to each other
+    Floes, numbered in spatial order, so that neighbours have similar numbers
 
     Raises
     ------
     InputError
-        if the floes do not fit, or no number of those drawn comes within 0.5 % of the concentration.
+        if the floes do not fit, or no number of drawn floes comes within 0.5 % of the concentration.
 
     Examples
     --------
@@ -110,8 +110,8 @@ def scatter(
     x, y, _, left = settle(radius, ground, domain, rng)
     if left.any():
         raise InputError(
-            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room of their own; "
-            "choose less, or smaller floes, or a wider range of sizes"
+            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room; "
+            "choose less ice, smaller floes, or a wider range of sizes"
         )
     order = sort_in_space(x, y, radius) if len(x) else slice(None)
     return Floes(x[order], y[order], radius[order], thickness)
@@ -127,46 +127,46 @@ def from_field(
     max_concentration: float = 0.85,
     land: Land | None = None,
 ) -> Floes:
-    """Floes that hold the ice of gridded fields.
+    """Floes that represent the ice of gridded fields.
 
-    Floes are drawn until the ice area inside the domain is met; each cell gets the floes for its
-    own ice area, within about half a floe, and what is over or short is carried to a neighbouring
-    cell.  Floes do not reach into dry cells or land.  The area is met, the volume is not: beside
-    cells at `max_concentration`, where discs are as dense as they get, and beside land, looser
-    cells get more than their share, and floes there have the thickness of those (labrador-sea:
-    cells below 0.7 get a fifth more, denser ones 5 % less, and the volume is 2 % short).
+    Floes are drawn until their area equals the ice area inside the domain.  Each cell gets floes for its own
+    ice area, to within about half a floe, and the remainder is carried to a neighbouring cell.  Floes do not
+    reach into dry cells or land.  The total area is met, the volume only approximately: cells at
+    `max_concentration`, where discs cannot pack more densely, and cells beside land pass ice on to looser
+    cells, where floes have another thickness (labrador-sea: cells below 0.7 get a fifth more, denser ones
+    5 % less, and the volume is 2 % short).
 
-    Shares are by the floes' centres: half a floe may lie in the next cell.  Where the domain has no
-    cells there is open water, into which floes of the outermost cells may reach.  Where a pack jams,
-    as equal floes often do above 0.8, a few floes are left out until the others fit.
+    Floes belong to the cell of their centre; up to half of one may lie in the next cell.  Parts of the domain
+    outside the grid are open water, into which floes of the outermost cells may reach.  Where a pack jams, as
+    equal floes often do above 0.8, a few floes are left out until the others fit.
 
     Parameters
     ----------
-    grid : of the fields; its dry cells are land
-    area_fraction : of each cell [1], shape (grid.size,) or grid.shape, or one number
-    thickness : of the ice in each cell [m] (not its mean over ice and water), same shapes, or one
-        number. A floe gets the thickness of the cell that it was drawn for
-    sizes : the distribution of radii
-    domain : default the box around the grid's nodes, with inactive edges
-    seed : of the random numbers; the same seed gives the same floes, bit for bit
-    max_concentration : cells with more ice than this get only this much, for discs do not pack much
-        denser than 0.85 (at most 0.88)
+    grid : grid of the fields; its dry cells are land
+    area_fraction : ice area fraction of each cell [1], shape (grid.size,) or grid.shape, or one number
+    thickness : thickness of the ice in each cell [m] (not its mean over ice and water), same shapes, or one
+        number; a floe gets the thickness of the cell that it was drawn for
+    sizes : floe size distribution
+    domain : domain of the floes; default: the box around the grid's nodes, with inactive edges
+    seed : seed of the random numbers; the same seed gives the same floes, bit for bit
+    max_concentration : upper limit of the area fraction [1]; cells with more ice get only this much, because
+        discs do not pack much denser than 0.85 (at most 0.88)
     land : further land to keep free, as in `scatter`
 
     Warns
     -----
     IceNotPlaced
-        with the area that was left out because of `max_concentration`, and that of floes that found
-        no room, or that of less than half a floe.
+        with the area left out because of `max_concentration`, the area of floes that found no room, or an
+        ice area of less than half a floe.
 
     Returns
     -------
-    Floes, numbered in the order of space
+    Floes, numbered in spatial order
 
     Raises
     ------
     InputError
-        for a value in a wet cell that is not usable, with its index; a period shorter than the grid.
+        for an unusable value in a wet cell, with its index, and for a period shorter than the grid.
     """
     check_sizes(sizes)
     check_grid("grid", grid)
@@ -225,20 +225,20 @@ def regular(
 ) -> Floes:
     """Equal floes on a lattice.
 
-    Rows run along x; of a hexagonal lattice they are √3/2 spacings apart, and every other one is
-    shifted. Between edges that are not periodic the lattice is centred, with all floes wholly
-    inside.  Along a period the lattice is stretched or squeezed to the nearest whole (hexagonal,
-    along y: even) number of rows, and to meet a concentration, by up to a tenth along x against y.
+    Rows run along x; in a hexagonal lattice they are √3/2 spacings apart, and every other row is
+    shifted.  Between edges that are not periodic the lattice is centred, with all floes wholly
+    inside.  In a periodic direction the lattice is stretched or squeezed to the nearest whole number of
+    rows or columns (hexagonal, along y: an even one), and to meet a concentration, by up to a tenth along x relative to y.
 
     Parameters
     ----------
-    domain : its size, and which edges are periodic
-    radius : of all floes [m]
-    spacing : of neighbours [m], at least 2 radii
-    concentration : area of floes over that of the domain, in place of a spacing, met as closely
+    domain : domain to fill; its size and periodic edges matter
+    radius : radius of all floes [m]
+    spacing : distance between neighbouring centres [m], at least 2 radii
+    concentration : area of floes over that of the domain [1], instead of a spacing; met as closely
         as whole rows allow, and within 3 %
     lattice : "hexagonal" or "square"
-    thickness : of all floes [m]
+    thickness : thickness of all floes [m]
 
     Returns
     -------
@@ -247,8 +247,8 @@ def regular(
     Raises
     ------
     InputError
-        if floes would overlap, if none has room, or no whole number of rows gives the concentration;
-        it says the nearest.
+        if floes would overlap, if none fits, or if no whole number of rows gives the concentration
+        (the message gives the nearest).
     """
     check_domain(domain)
     check_word("lattice", lattice, ("hexagonal", "square"))
@@ -279,20 +279,20 @@ def read_floes(
 ) -> Floes:
     """Floes from a CSV or GeoJSON file.
 
-    CSV: a header line with the columns x, y, radius or area, and, where wanted, thickness, u, v,
-    motion, angle, angular_velocity, in SI units, in any order and case; other columns are not read.
+    CSV: a header line with the columns x, y, radius or area, and optionally thickness, u, v,
+    motion, angle, angular_velocity, in SI units, in any order and case; other columns are ignored.
     GeoJSON: Points with the property radius or area, or Polygons, which become discs of the same
     area about their centroid; the other columns are properties.
 
     Parameters
     ----------
-    path : ends in .csv, .geojson or .json
-    thickness : of all floes [m], for a file that has none
-    projection : for a GeoJSON file in longitude and latitude, see `coast.from_geojson`
+    path : file whose name ends in .csv, .geojson or .json
+    thickness : thickness of all floes [m], for a file that has none
+    projection : map projection for a GeoJSON file in longitude and latitude, see `coast.from_geojson`
 
     Returns
     -------
-    Floes, in the order of the file; they rotate where it has an angle or angular velocity
+    Floes, in the order of the file; they rotate if it has an angle or angular velocity
 
     Raises
     ------
@@ -333,26 +333,26 @@ def read_floes(
 
 
 def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
-    """Press floes apart, in place, until none overlap or they are jammed.
+    """Push floes apart, in place, until none overlap or they are jammed.
 
-    Floes with a prescribed motion stay where they are, velocities stay as they are.  At closed
-    edges floes are moved wholly inside, over inactive ones they may be pushed out: a floe whose
-    centre lies beyond leaves as a run begins.
+    Floes with a prescribed motion are not moved, and velocities are not changed.  At closed
+    edges floes are moved wholly inside; across inactive edges they may be pushed out, and a floe whose
+    centre lies outside leaves when a run begins.
 
     Parameters
     ----------
-    floes : changed are x and y of the active ones
-    domain : its periodic and closed edges
-    land : kept free, as in `scatter`
+    floes : the floes; x and y of the active ones are changed
+    domain : their domain; its periodic and closed edges matter
+    land : land to keep free, as in `scatter`
 
     Returns
     -------
-    The largest overlap left, over the smaller radius: 0 unless the floes are jammed.
+    The largest remaining overlap over the smaller radius [1]: 0 unless the floes are jammed
 
     Raises
     ------
     InputError
-        for floes, a domain, or rings of land, that cannot be.
+        for invalid floes, domain or land.
     """
     check_domain(domain)
     check_floes(floes)
@@ -368,7 +368,7 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
 
 
 class _Rows(NamedTuple):
-    """A lattice: steps [m], floes in even and odd rows, number of rows, shift of odd rows."""
+    """A lattice: spacing along x and y [m], floes in even and odd rows, number of rows, shift of odd rows."""
 
     dx: float
     dy: float
@@ -416,7 +416,7 @@ def _rows(
 def _rows_of_concentration(
     domain: Domain, radius: float, concentration: float | None, lattice: str
 ) -> _Rows:
-    """The lattice nearest to a concentration of all that fit, with as little stretch as that allows."""
+    """The fitting lattice whose concentration is nearest to the given one, stretched as little as that allows."""
     _check_concentration(concentration)
     per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
     ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
@@ -502,7 +502,7 @@ _FARTHEST = {"x": FARTHEST, "y": FARTHEST, "radius": FARTHEST, "area": FARTHEST*
 
 
 def _floe_columns(path: Path, rows: list[tuple[str, dict[str, object]]]) -> dict[str, np.ndarray]:
-    """The columns that floes are made of, as numbers; all rows must have the same."""
+    """The columns from which floes are made, as numbers; all rows must have the same columns."""
     names = [name for name in _FLOE_COLUMNS if any(name in row for _, row in rows)]
     if ("radius" in names) == ("area" in names):
         raise InputError(f"{path}: must have a column 'radius' or 'area', and not both")
@@ -534,13 +534,13 @@ def _field(name: str, values: ArrayLike, grid: Grid) -> np.ndarray:
     values = unmasked(values)
     if values.ndim and values.size != grid.size:
         raise InputError(
-            f"{name} has shape {values.shape}; must be one number or {grid.size} values, one a cell"
+            f"{name} has shape {values.shape}; must be one number or {grid.size} values, one per cell"
         )
     return np.broadcast_to(flat(name, values, grid.shape) if values.ndim else values, grid.size)
 
 
 def _check_ice(fraction: np.ndarray, depth: np.ndarray, grid: Grid) -> None:
-    """Refuse a wet cell that has more ice than there is room, or ice that has no thickness."""
+    """Refuse a wet cell whose area fraction is not between 0 and 1, or whose ice has no thickness."""
     share = (fraction >= 0) & (fraction <= 1)
     thick = (depth > 0) & np.isfinite(depth) | ~(fraction > 0)
     for name, values, good, right in (
@@ -566,7 +566,7 @@ def _generator(seed: int) -> np.random.Generator:
 def _draw_area(
     sizes: Sizes, area: float, rng: np.random.Generator, strict: bool = True
 ) -> np.ndarray:
-    """Radii whose discs have a total area, within half a floe, and if `strict` within 0.5 %."""
+    """Radii whose discs have the given total area, within half a floe, and if `strict` within 0.5 %."""
     mean = sizes.mean_area()
     radius = np.zeros(0)
     total = np.zeros(1)

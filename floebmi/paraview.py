@@ -1,12 +1,12 @@
-"""ParaView files out of the files of a run: floes as points, fields as cells, one file per frame.
+"""ParaView files from the output files of a run: floes as points, fields as cells, one file per frame.
 
-A `.pvd` file lists the frames with their times; open that one.  Floes come as points with a radius: show
+A `.pvd` file lists the frames with their times; open that one.  Floes are points with a radius: show
 them with the filter "Glyph" (a cylinder or a 2-D circle, scaled by `radius`), or as "Point Gaussian".
 
-The XML of VTK is written here, in a few lines, because nothing lighter serves: PyPI `meshio` writes no
-PolyData and no collections (its time series are XDMF), `pyvista` and `vtk` do all of it but weigh a
-hundred megabytes, and a run needs nothing else of them.  Numbers are base64 of the raw bytes, so they are
-exact and every reader of VTK takes them without a compressor.
+The XML of VTK is written here, in a few lines, for lack of a light package: `meshio` writes neither
+PolyData nor collections (its time series are XDMF), and `pyvista` and `vtk` can do it but are a
+hundred megabytes in size.  Numbers are base64 of the raw bytes, so they are
+exact, and VTK readers need no decompression.
 """
 
 import base64
@@ -42,24 +42,24 @@ def export(
 ) -> Path:
     """Write a trajectory file as `floes_*.vtp`, or a gridded file as `fields_*.vtr` or `.vtu`.
 
-    Floes that have left, or have not yet come, are not in a frame.  A vector is one array of three
+    A frame holds only floes that are active at its time.  A vector is one array of three
     components (the third is 0); missing values are NaN.  Fields on an atmosphere grid with other cells are
     left out.
 
     Parameters
     ----------
-    path : file of `TrajectoryWriter` or `GriddedWriter`
-    folder : made if it is not there; files of an earlier export in it are replaced
-    progress : called with (frames done, all frames)
+    path : trajectory or gridded file of a run
+    folder : folder for the files, created if necessary; files of an earlier export in it are replaced
+    progress : function called with (frames done, number of frames)
 
     Returns
     -------
-    The `.pvd` file, the one to open.
+    The path of the `.pvd` file, the one to open
 
     Raises
     ------
     InputError
-        if `path` is no such file, or `folder` is a file.
+        if `path` is not such a file, or `folder` is a file.
     """
     folder = path_of("folder", folder)
     check_new_folder(folder)

@@ -1,13 +1,13 @@
-"""Pictures and animations, from the files of a run and from nothing else.
+"""Pictures and animations, made from the output files of a run alone.
 
-`frame` draws the floes as true circles among the coast, `field` maps a gridded variable, `ledger` shows where
-mass, momentum and energy came from, `animate` makes a film that a browser plays, `page` a page with a slider;
-`graph` is for curves of one's own.
-All share one style: light water, land in sand, sequential maps that everyone can read (viridis; PuOr where a
-sign matters), axes in km, the time above.
+`frame` draws the floes to scale with the coast, `field` maps a gridded variable, `ledger` shows the budgets of
+mass, momentum and energy, `animate` makes a film that plays in a browser, `page` an HTML page with a slider;
+`graph` is for your own curves.
+All share one style: light water, sand-coloured land, colour maps readable by colour-blind people (viridis; PuOr for
+signed quantities), axes in km, the time above.
 
-Figures are matplotlib's `Figure` without pyplot: nobody's backend or open windows are touched, and the
-style holds only while a picture is drawn.
+Figures are matplotlib `Figure` objects made without pyplot: your backend and open windows are not affected, and the
+style applies only while a picture is drawn.
 """
 
 import textwrap
@@ -80,23 +80,23 @@ def frame(
     title: str | None = None,
     size: int = 1200,
 ) -> "Figure":
-    """Floes as circles at one time, over water and land.
+    """Draw the floes as circles at one time, over water and land.
 
     Parameters
     ----------
-    trajectories : file of `TrajectoryWriter`
-    gridded : file of `GriddedWriter` of the same run: for its land, the mean wind, the graticule and arrows
+    trajectories : trajectory file of a run (`TrajectoryWriter`)
+    gridded : gridded file of the same run (`GriddedWriter`), for the land, the mean wind, the graticule and arrows
     time : number of the frame, negative from the end
     color : "speed" or a variable of the trajectory file ("thickness", "contact_force" …); None: plain ice
     to : file to save (.png, .pdf, .svg)
-    arrows : "ice", "ocean", "wind" (velocities) or "stress" (ice on ocean) from the gridded file
-    limits : ends of the colour scale; by default they hold all frames' values but the largest 1 %
-    title : default: the file's title
-    size : width of the picture in pixels; that of a tall domain is narrower
+    arrows : "ice", "ocean", "wind" (velocities) or "stress" (of the ice on the ocean) from the gridded file
+    limits : ends of the colour scale; default: the range of the values of all frames without the largest 1 %
+    title : title of the picture; default: the file's title
+    size : width of the picture in pixels; pictures of tall domains are narrower
 
     Returns
     -------
-    matplotlib Figure; with `to` given it is saved already.
+    matplotlib Figure, already saved if `to` is given
 
     Raises
     ------
@@ -122,11 +122,11 @@ def field(
     title: str | None = None,
     size: int = 1200,
 ) -> "Figure":
-    """Map of a gridded variable at one time.
+    """Draw a map of a gridded variable at one time.
 
     Parameters
     ----------
-    gridded : file of `GriddedWriter`
+    gridded : gridded file of a run (`GriddedWriter`)
     variable : short, CSDMS or CF name (see variables.py)
     time, to, arrows, limits, title, size : as for `frame`
 
@@ -173,20 +173,20 @@ def ledger(
     title: str | None = None,
     size: int = 1200,
 ) -> "Figure":
-    """Where mass, momentum and energy of the ice came from, in time.
+    """Draw the budgets of mass, momentum and energy of the ice over time.
 
-    Each panel shows what the ice has gained since the start, the accounts that it came from (their sum is
+    Each panel shows the gain of the ice since the start, the accounts that contribute to it (their sum is
     the gain), and the residual.
 
     Parameters
     ----------
-    path : file of `TrajectoryWriter` or `GriddedWriter`
+    path : trajectory or gridded file of a run
     to, title, size : as for `frame`
 
     Raises
     ------
     InputError
-        for a file that is not one of those.
+        for any other file.
     """
     check_text("title", title)
     with in_style("white"), ExitStack() as files:
@@ -210,25 +210,25 @@ def animate(
     every: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """A film of the floes, as `frame` draws them.
+    """Make a film of the floes, as `frame` draws them.
 
     Parameters
     ----------
     trajectories, gridded, color, arrows, limits, title : as for `frame`
-    to : .mp4 (H.264, plays in browsers) or .gif
+    to : file to write, .mp4 (H.264, plays in browsers) or .gif
     size : width in pixels
     fps : frames per second
-    every : take each n-th frame of the file
-    progress : called with (frames done, all frames)
+    every : use every n-th frame of the file
+    progress : function called with (frames done, number of frames)
 
     Returns
     -------
-    The file; it appears when it is whole.
+    The path of the film; the file appears only when it is complete
 
     Raises
     ------
     InputError
-        as `frame`, and for another ending of the name, fps < 1 or every < 1.
+        as `frame`, and for another file name extension, fps < 1 or every < 1.
     """
     to = path_of("to", to)
     check_kind(to, (".mp4", ".gif"))
@@ -263,22 +263,22 @@ def page(
     title: str | None = None,
     every: int = 1,
 ) -> Path:
-    """A page with all frames and a slider for the time; one file, which needs no network.
+    """Make an HTML page with all frames and a time slider; a single file that needs no network.
 
     Parameters
     ----------
     trajectories, color, limits, title : as for `frame`
-    to : .html
-    every : take each n-th frame of the file
+    to : file to write, .html
+    every : use every n-th frame of the file
 
     Returns
     -------
-    The file.
+    The path of the page
 
     Raises
     ------
     InputError
-        as `frame`, and for another ending of the name or every < 1.
+        as `frame`, and for another file name extension or every < 1.
     """
     to = path_of("to", to)
     check_kind(to, (".html",))
@@ -295,7 +295,7 @@ def page(
 
 @contextmanager
 def graph(width: float, height: float) -> "Iterator[Figure]":
-    """An empty figure of width × height inches for curves of one's own, in the style of the others.
+    """An empty figure of width × height inches for your own curves, in the style of the other pictures.
 
     Examples
     --------

@@ -1,12 +1,12 @@
-"""Between the globe and the plane of the floes.
+"""Map projections: from longitude and latitude to the plane of the floes, and back.
 
-Floes move in a plane, in metres.  A projection says which plane: a PROJ string, an EPSG code, WKT, or
-anything else that pyproj understands.  Longitude and latitude go through it as bare numbers, without a
-change of datum: a model on a sphere and one on an ellipsoid both mean the same place by 70 N.
+Floes move in a plane, in metres.  A projection defines the plane: a PROJ string, an EPSG code, WKT, or
+anything else that pyproj understands.  Longitude and latitude are projected as they are, without a
+change of datum, since 70 N is meant to be the same place in models on a sphere and on an ellipsoid.
 
-Vectors turn with the place.  East and north are directions of the globe; `east_in_plane` says where they
-point in the plane, as an angle, so that (u + i v) exp(i angle) is the vector in the plane.  A turn keeps
-the speed; on a plane that is not conformal the angle is the one nearest to the true mapping.
+The directions of east and north in the plane vary from place to place.  `east_in_plane` gives the direction
+of east as an angle, so that (u + i v) exp(i angle) is the vector in the plane.  This rotation preserves the
+speed; for a projection that is not conformal it is the rotation nearest to the true mapping.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ def _known(projection: str) -> tuple[Proj, float]:
 
 
 def check_projection(projection: str) -> str:
-    """Return `projection` if it is a plane that pyproj knows, else raise `InputError`."""
+    """Return `projection` if pyproj knows it and it is a plane, else raise `InputError`."""
     _proj(projection)
     return projection
 
 
 def same_plane(one: str | None, other: str | None) -> bool:
-    """True if both projections are the same plane (None: the plane itself, without a place on Earth)."""
+    """True if both projections are the same plane (None: a plane without a position on Earth)."""
     if one is None or other is None or one == other:
         return one == other
     return bool(_proj(one)[0].crs.equals(_proj(other)[0].crs))
@@ -74,14 +74,14 @@ def same_plane(one: str | None, other: str | None) -> bool:
 def to_plane(
     projection: str, lon: np.ndarray | float, lat: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Place on the plane [m] of longitude and latitude [degrees]; NaN where the plane has no such place.
+    """x and y in the plane [m] of longitude and latitude [degrees]; NaN for places that the projection does not cover.
 
-    One number may stand beside several.
+    One of the two may be a single number and the other an array.
 
     Raises
     ------
     InputError
-        for an unknown projection, or one that is no plane, and for coordinates that are not of the same places.
+        for an unknown projection, or one that is not a plane, and for coordinates of different shapes.
     """
     proj, metre = _proj(projection)
     lon, lat = _places(("lon", lon), ("lat", lat))
@@ -94,7 +94,7 @@ def to_plane(
 def to_lonlat(
     projection: str, x: np.ndarray | float, y: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Longitude and latitude [degrees] of a place on the plane [m]; NaN where there is none.  Raises as `to_plane`."""
+    """Longitude and latitude [degrees] of places in the plane [m]; NaN where there are none.  Raises as `to_plane`."""
     proj, metre = _proj(projection)
     x, y = _places(("x", x), ("y", y))
     lon, lat = proj(x / metre, y / metre, inverse=True)
@@ -102,7 +102,7 @@ def to_lonlat(
 
 
 def _places(*named: tuple[str, ArrayLike]) -> tuple[np.ndarray, ...]:
-    """Coordinates as arrays of one shape; pyproj pairs any of one size, and takes what lies under a mask."""
+    """Coordinates as arrays of one shape, without masked values; pyproj accepts any arrays of one size, and ignores masks."""
     values = [unmasked(coordinate) for _, coordinate in named]
     try:
         return np.broadcast_arrays(*values)
@@ -110,7 +110,7 @@ def _places(*named: tuple[str, ArrayLike]) -> tuple[np.ndarray, ...]:
         shapes = " and ".join(
             f"{name} {v.shape}" for (name, _), v in zip(named, values, strict=True)
         )
-        raise InputError(f"{shapes}: must be of the same places") from None
+        raise InputError(f"{shapes}: must have shapes that match") from None
 
 
 def _or_nan(values: np.ndarray) -> np.ndarray:
@@ -118,9 +118,9 @@ def _or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def east_in_plane(projection: str, lon: np.ndarray | float, lat: np.ndarray | float) -> np.ndarray:
-    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each place [degrees].
+    """Angle [rad] from the plane's x axis to east, counter-clockwise, at each longitude and latitude [degrees].
 
-    NaN where there is no such place.  Raises as `to_plane`.
+    NaN for places that the projection does not cover.  Raises as `to_plane`.
     """
     lon, lat = _places(("lon", lon), ("lat", lat))
     on_earth = np.where(np.abs(lat) <= 90.0, lat, np.nan)
@@ -149,7 +149,7 @@ def _turn(
 
 
 def distance(lon1: np.ndarray, lat1: np.ndarray, lon2: np.ndarray, lat2: np.ndarray) -> np.ndarray:
-    """Great-circle distance [m] between places [degrees] (haversine formula)."""
+    """Great-circle distance [m] between places in longitude and latitude [degrees] (haversine formula)."""
     phi1, phi2 = np.radians(lat1), np.radians(lat2)
     half = np.sin((phi2 - phi1) / 2) ** 2 + np.cos(phi1) * np.cos(phi2) * (
         np.sin(np.radians(np.asarray(lon2) - lon1) / 2) ** 2
@@ -158,16 +158,16 @@ def distance(lon1: np.ndarray, lat1: np.ndarray, lon2: np.ndarray, lat2: np.ndar
 
 
 def centred_projection(lon: float | tuple[float, float], lat: float | tuple[float, float]) -> str:
-    """A plane centred on a place, or on the box (west, east) × (south, north) [degrees]: equal-area.
+    """An equal-area projection centred on a place, or on the box (west, east) × (south, north) [degrees].
 
-    In the Lambert azimuthal equal-area plane cells have their true area everywhere (a standard polar
-    stereographic plane is off by the map scale squared, 5 % at 79 N), and directions hold to
-    0.2 degrees up to 1000 km from the centre.
+    It is Lambert's azimuthal equal-area projection: cells have their true area everywhere (in a standard polar
+    stereographic plane the area is off by the map scale squared, 5 % at 79 N), and directions are correct to
+    0.2 degrees within 1000 km of the centre.
 
     Raises
     ------
     InputError
-        for what is not one finite number or two, and latitudes that are none, or from north to south.
+        for anything but one or two finite numbers each, latitudes beyond 90 degrees, or latitudes in the order north, south.
 
     Examples
     --------

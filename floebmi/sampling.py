@@ -1,21 +1,21 @@
-"""Grid → floe and back: one set of weights reads the current and returns the force.
+"""Exchange between grid and floes: the same weights read the current and return the force.
 
-Row k of the weights says which share of floe k belongs to which cell.  A floe's velocity is the
-weighted mean of the cells (`gather`); the force on the floe is given back to the cells by the same
+Row k of the weights holds the share of floe k in each cell.  The velocity that a floe feels is the
+weighted mean over the cells (`gather`); the force on the floe is returned to the cells with the same
 shares (`scatter`, the transpose).  Rows sum to one over *wet* cells, so momentum is conserved to
-round-off whatever the accuracy, and the work done by the fluid equals the work done on the floe:
+round-off for any kind of weights, and the work done by the fluid equals the work done on the floe:
 
     Σ_k F_k · (W u)_k = Σ_c u_c · (Wᵀ F)_c                                    (eq. work-identity)
 
-How accurately the shares follow the floe's outline is a separate dial:
+There are two kinds of weights:
 
-"overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.  The
-           areas (`coverage`) are those that gridding makes concentration and thickness of.
-"centre"   at the floe's centre only.  On rectilinear grids bilinear between the four cell centres
-           around it, the dry ones left out; on the others, where four neighbours in order need not
-           exist, the cell that holds the centre, if it is wet.
+"overlap"  the exact area of the disc in each wet cell, over the disc's area in all wet cells.  The same
+           areas (`coverage`) give the gridded concentration and thickness.
+"centre"   weights at the floe's centre only.  On rectilinear grids bilinear between the four cell centres
+           around it, without the dry ones; on the others, where four ordered neighbours need not
+           exist, the cell that contains the centre, if it is wet.
 
-A floe that finds no wet cell has an empty row: it reads 0, and what it gives back is undelivered.
+A floe that touches no wet cell has an empty row: it reads 0, and the force that it would return is undelivered.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class Weights(NamedTuple):
     """Shares of floes in cells; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int32; twice in a row if a floe reaches the cell from both sides of a seam
-    amount : (m,) what the shares are in proportion to: areas of the floe in the cell [m²]
+    cell : (m,) int32, cell of each entry; twice in a row if a floe reaches the cell from both sides of a seam
+    amount : (m,) amounts to which the shares are proportional: areas of the floe in the cell [m²]
     over : (n,) one over the sum of each row's amounts
     size : number of cells of the grid
     """
@@ -55,7 +55,7 @@ class Weights(NamedTuple):
 
     @property
     def weight(self) -> np.ndarray:
-        """The shares, (m,) [1]: each row sums to 1, or is empty: the floe finds no wet cell."""
+        """The shares, (m,) [1]: each row sums to 1, or is empty if the floe touches no wet cell."""
         return self.amount * np.repeat(self.over, np.diff(self.start))
 
 
@@ -63,7 +63,7 @@ class Coverage(NamedTuple):
     """Areas of floes in cells, wet or dry; row k is entries start[k]:start[k+1].
 
     start : (n + 1,) int64
-    cell : (m,) int32; twice in a row if a floe reaches the cell from both sides of a seam
+    cell : (m,) int32, cell of each entry; twice in a row if a floe reaches the cell from both sides of a seam
     area : (m,) area of the floe in the cell [m²]
     size : number of cells of the grid
     outside : (n,) area of each floe outside the grid [m²], to round-off of its whole area
@@ -79,12 +79,12 @@ class Coverage(NamedTuple):
 
     @property
     def in_cells(self) -> np.ndarray:
-        """Area of all floes in each cell [m²], (size,): more than the cell's where floes overlap."""
+        """Area of all floes in each cell [m²], (size,); where floes overlap it may exceed the area of the cell."""
         return np.bincount(self.cell, weights=self.area, minlength=self.size)
 
 
 class Polygons(NamedTuple):
-    """Cells of any shape, with the raster that finds them."""
+    """Cells of any shape, with the raster of bins that finds them."""
 
     bins: Bins
     corner_x: np.ndarray  # (size, corners) [m], counter-clockwise
@@ -106,9 +106,9 @@ DISC_BUFFER = R + BLOCK
 
 @in_place
 def _patches(axes, bounds, lengths, x, y, radius, of, floe, disc_x, disc_y, column_0, row_0):
-    """List the discs, and their images, with each patch of cells that they reach: floe, centre, first column and row.
+    """List the discs and their images, each with every patch of cells that it reaches: floe, centre, first column and row.
 
-    Returns how many there are, also if the arrays were too short.
+    Returns their number, even if the arrays were too short.
     """
     west, east, south, north = bounds
     x_edges, y_edges, m = axes.x.edges, axes.y.edges, 0
@@ -142,10 +142,10 @@ def _areas_in_patches(
 ):  # fmt: skip
     """Areas of discs in the cells of their patches: fills start, outside, inside, cell, area.
 
-    A block of discs at a time, line by line and cell by cell: so it vectorises, and meets no branch that cannot be
-    foreseen.  A line beyond the grid is its last line once more, and a cell beyond the disc has none of it.
+    Works on a block of discs at a time, line by line and cell by cell, so that it vectorises and has no unpredictable
+    branches.  A line beyond the grid repeats the last one, and a cell beyond the disc has none of its area.
 
-    lanes : (DISC_BUFFER,) room for a block, all of it positive
+    lanes : (DISC_BUFFER,) work space for a block, all entries positive
     """
     x_edges, y_edges, one = axes.x.edges, axes.y.edges, np.uintp(1)
     nx, ny = np.uintp(x_edges.size - 1), np.uintp(y_edges.size - 1)
@@ -219,7 +219,7 @@ def _reached(cells, x, y, r):
 
 @jit
 def _polygons_in_bins(cells, i0, i1, j0, j1):
-    """No more cells than so many lie in a block of columns and rows."""
+    """Upper bound on the number of cells in a block of columns and rows."""
     start, nx, count = cells.bins.start, cells.bins.raster[0], 0
     for j in range(j0, j1 + 1):
         count += start[j * nx + i1 + 1] - start[j * nx + i0]
@@ -228,7 +228,7 @@ def _polygons_in_bins(cells, i0, i1, j0, j1):
 
 @jit
 def _areas_in_bins(cells, i0, i1, j0, j1, cx, cy, r, cell, area, m):
-    """Areas of a disc in the cells of a block, put behind the first m: how many there are now, and their sum."""
+    """Append the areas of a disc in the cells of a block after the first m entries; the new number of entries, and the sum."""
     bins, least, total = cells.bins, ROUND_OFF * math.pi * r * r, 0.0
     low, box = bins.low, bins.box
     for j in range(j0, j1 + 1):
@@ -257,7 +257,7 @@ def _areas_in_polygons(
 ):  # fmt: skip
     """Areas of discs, and of their images, in cells, from the first disc on: fills start, outside, inside, cell, area.
 
-    Returns which disc finds no room in cell and area, or the number of discs.
+    Returns the first disc for which `cell` and `area` have no room left, or the number of discs.
     """
     west, east, south, north = bounds
     m = start[first]
@@ -282,7 +282,7 @@ def _areas_in_polygons(
 
 @in_place
 def _in_wet(start, cell, area, wet, wet_start, wet_cell, wet_area, inside):
-    """Fill the rows with what lies in wet cells, and `inside` with their sums; returns the number of entries."""
+    """Fill the rows with the areas in wet cells, and `inside` with their sums; returns the number of entries."""
     m = 0
     for k in range(start.size - 1):
         inside[k] = 0.0
@@ -306,7 +306,7 @@ def _gather(start, cell, amount, over, field, out):
 
 
 def _plus(sums: tuple[float, ...], amount: float, fields: tuple[np.ndarray, ...], c: int) -> tuple:
-    """Sums, one of each field, and an amount of what the fields are in cell c."""
+    """Sums, one for each field, plus an amount times the fields' values in cell c."""
     return tuple(total + amount * field[c] for total, field in zip(sums, fields, strict=True))
 
 
@@ -390,20 +390,20 @@ def check_period(grid: Grid, period: Period) -> tuple[float, float]:
     if period != (None, None) and wider:
         raise InputError(
             f"period = {period} is shorter than the grid ({east - west:g} × {north - south:g} m):"
-            " a floe would be seen by two cells at one place"
+            " a floe would overlap two cells at one place"
         )
     return float(period[0] or 0.0), float(period[1] or 0.0)
 
 
 def check_images(grid: Grid, period: Period) -> None:
-    """Refuse a grid that lies on itself across a period, if only with a corner: its floes would count twice there.
+    """Refuse a grid that overlaps its periodic image, even with a corner only: floes there would count twice.
 
-    What `check_period` does not see of cells of any shape; takes milliseconds for a grid, so once for a model.
+    For cells of any shape this finds what `check_period` misses; it takes milliseconds, so it is done once per model.
 
     Raises
     ------
     InputError
-        as `check_period`, and with the first cell that an image of another covers.
+        as `check_period`, and naming the first cell that the image of another one covers.
     """
     lengths = check_period(grid, period)
     if grid.x_edges is not None:
@@ -433,13 +433,13 @@ def check_images(grid: Grid, period: Period) -> None:
             if twice.any():
                 raise InputError(
                     f"cell {cell[twice][0]} of {grid!r} lies on the grid's own image, a period = {period} away: a"
-                    " floe would be seen by two cells at one place"
+                    " floe would overlap two cells at one place"
                 )
 
 
 @jit
 def _repeats(x, reach, low, high, length):
-    """First and last multiple of the period that bring what reaches so far to low … high."""
+    """First and last multiple of the period that shift a thing of this reach into low … high."""
     # A grid whose seam is not straight is wider than its period: the image may meet what is inside, too.
     if x - reach > max(low, high - length) and x + reach < min(high, low + length):
         return 0, 0
@@ -450,7 +450,7 @@ def _repeats(x, reach, low, high, length):
 
 @jit
 def _images(x, y, reach_x, reach_y, bounds, length_x, length_y, thing, image_x, image_y):
-    """Fill thing, image_x and image_y; returns how many there are, also if the arrays were too short."""
+    """Fill thing, image_x and image_y; returns the number of images, even if the arrays were too short."""
     west, east, south, north = bounds
     m = 0
     for k in range(x.size):
@@ -473,11 +473,11 @@ def images(
     reach_y: np.ndarray | float,
     period: Period,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The repetitions of things at (x, y) that meet the grid's bounding box, reaching so far [m].
+    """The periodic images of things at (x, y) that, with their reach [m], meet the grid's bounding box.
 
     Returns
     -------
-    thing (m,), x (m,), y (m,): those of one thing one after the other; without periods, itself or none
+    thing (m,), x (m,), y (m,): images of the same thing follow each other; without periods, the thing itself or none
     """
     length_x, length_y = check_period(grid, period)
     reach_x, reach_y = (
@@ -506,9 +506,9 @@ def coverage(
     Parameters
     ----------
     x, y : (n,) floe centres [m]
-    radius : (n,) [m]
+    radius : (n,) floe radii [m]
     period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
-    of : (n,) bool, whose areas; the others have empty rows.  Default: all
+    of : (n,) bool, True for floes to include; the others have empty rows.  Default: all
 
     Raises
     ------
@@ -580,7 +580,7 @@ def shares(coverage: Coverage, wet: np.ndarray) -> Weights:
 
 
 def _over(total: np.ndarray) -> np.ndarray:
-    """One over the sums of rows; 0 of empty ones."""
+    """One over the sums of rows; 0 for empty rows."""
     over = np.empty_like(total)
     _invert(total, over)
     return over
@@ -595,9 +595,9 @@ def _invert(total, over):
 def _around(
     edges: np.ndarray, i: np.ndarray, x: np.ndarray, wraps: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns whose centres stand left and right of x in column i, and the share of the right one.
+    """Columns whose centres are left and right of x in column i, and the weight of the right one.
 
-    Beyond the last centre there is one column only, unless the grid wraps around.
+    Beyond the last centre there is only one column, unless the grid is periodic.
     """
     count = edges.size - 1
     centre = 0.5 * (edges[:-1] + edges[1:])
@@ -614,7 +614,7 @@ def _around(
 def _bilinear(
     grid: Grid, x: np.ndarray, y: np.ndarray, cell: np.ndarray, wraps: tuple[bool, bool]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Four cells around each point, which is in `cell`, and their bilinear weights: (n, 4) each."""
+    """Four cells around each point, which lies in `cell`, and their bilinear weights: (n, 4) each."""
     nx = grid.shape[1]
     i0, i1, s = _around(grid.x_edges, cell % nx, x, wraps[0])
     j0, j1, t = _around(grid.y_edges, cell // nx, y, wraps[1])
@@ -624,7 +624,7 @@ def _bilinear(
 
 
 def _centre_weights(grid: Grid, x: np.ndarray, y: np.ndarray, period: Period) -> Weights:
-    """Weights by the cells at floe centres, dry ones left out."""
+    """Weights by the cells at floe centres, without dry cells."""
     west, east, south, north = grid.bounds
     floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
     # Here the far rim is inside, lest a centre that round-off puts on the seam falls through.
@@ -661,11 +661,11 @@ def floe_weights(
 
     Parameters
     ----------
-    x, y : (n,) floe centres [m], in the grid's plane; inside one period or not
-    radius : (n,) [m]
-    accuracy : "overlap", exact areas of the discs; or "centre", cells around the centre (see above)
+    x, y : (n,) floe centres [m], in the grid's plane; they may lie outside the first period
+    radius : (n,) floe radii [m]
+    accuracy : "overlap", exact areas of the discs; or "centre", cells around the centre (see the module's text)
     period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic; a floe across the
-        seam belongs to cells at both ends.  The grid may not be wider than a period.
+        seam has shares in cells at both ends.  The grid must not be wider than a period.
 
     Raises
     ------
@@ -681,11 +681,11 @@ def floe_weights(
 
 
 def gather(weights: Weights, field: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """Read fields onto the floes: out_k = Σ_c w_kc field_c; 0 where a row is empty.
+    """Interpolate fields to the floes: out_k = Σ_c w_kc field_c; 0 where a row is empty.
 
     Parameters
     ----------
-    field : (grid.size,) any unit, or (grid.size, q) for q fields at once; dry cells are never read
+    field : (grid.size,) in any unit, or (grid.size, q) for q fields at once; dry cells are never read
     out : (n,) or (n, q) float64, filled in place if given
 
     Raises
@@ -710,21 +710,21 @@ def gather_each(
     fields: tuple[np.ndarray, ...],
     outs: tuple[np.ndarray, ...],
 ) -> None:
-    """`gather` of several fields of shape (grid.size,), float64, onto the floes of these numbers.
+    """`gather` for several fields of shape (grid.size,), float64, and the floes of the given numbers.
 
-    outs : one of each field, (blocks, BLOCK), filled in the order of the numbers; the weights are read once
+    outs : one for each field, (blocks, BLOCK), filled in the order of the numbers; the weights are read once
     """
     _gather_each(*weights[:-1], number, fields, (0.0,) * len(fields), outs)
 
 
 def scatter(weights: Weights, values: np.ndarray, out: np.ndarray) -> None:
-    """Give floe values to the cells, adding: out_c += Σ_k w_kc values_k, the transpose of `gather`.
+    """Add floe values to the cells: out_c += Σ_k w_kc values_k, the transpose of `gather`.
 
-    What the floes of empty rows carry is not in `out`; see `without_cell`.
+    The values of floes with empty rows are not added to any cell; see `without_cell`.
 
     Parameters
     ----------
-    values : (n,) extensive, such as an impulse [N s], or (n, q) for q of them at once
+    values : (n,) an extensive quantity, such as an impulse [N s], or (n, q) for q of them at once
     out : (grid.size,) or (grid.size, q) float64, changed in place
 
     Raises
@@ -752,5 +752,5 @@ def _columns(values: np.ndarray) -> np.ndarray:
 
 
 def without_cell(weights: Weights) -> np.ndarray:
-    """(n,) bool: floes that find no wet cell, whose impulse is undelivered."""
+    """(n,) bool: True for floes that touch no wet cell, whose impulse is undelivered."""
     return weights.start[1:] == weights.start[:-1]

@@ -1,8 +1,8 @@
 """Ice concentration, thickness and land from files, on the cells of a grid.
 
-Thickness has two meanings in files: the mean over the ice, which is what a floe has, and the mean over the
-whole cell (volume per area, "effective" thickness), which is less by the concentration.  Files are asked
-which one they mean, by name, long_name, comment and cell_methods; if they do not say, the user must.
+Thickness has two meanings in files: the mean over the ice, as for a floe, and the mean over the
+whole cell (volume per area, "effective" thickness), which is smaller by the factor of the concentration.  Which one a
+file has is decided by its name, long_name, comment and cell_methods; if they do not say, the user must.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ _NO_ICE = 1e-3
 
 
 class _On(NamedTuple):
-    """Where and when a scalar is wanted: the options of `read_scalar` that do not depend on the quantity."""
+    """Where and when to read a scalar: the options of `read_scalar` that do not depend on the quantity."""
 
     files: list[File]
     grid: Grid
@@ -112,9 +112,9 @@ def read_scalar(
     position: Position = "auto",
     file_projection: str | None = None,
 ) -> np.ndarray:
-    """Read one field at the centres of a grid's cells, bilinear between the file's points on water.
+    """Read one field at the cell centres of a grid, by bilinear interpolation between the file's points on water.
 
-    A thickness without a value where the concentration at the same point is 0 is no land, but no ice.
+    A missing thickness where the concentration at the same point is 0 means no ice rather than land.
 
     Parameters
     ----------
@@ -122,24 +122,24 @@ def read_scalar(
         `floebmi.forcing.VelocityFile`; land is not masked for quantity "land_fraction"
     quantity : "area_fraction" (ice concentration, 0 to 1), "thickness" (mean over the ice, m), "sea_ice_volume"
         (per area of cell, m), "land_fraction" (0 to 1)
-    variable : its name; default: by standard_name, else by well-known names
-    concentration : name of the concentration that turns one kind of thickness into the other, and by which
-        points of ice count where a cell lies between ice and open water
-    thickness_of : what the file's thickness is the mean over: "ice", "cell", or "auto": what the file says
-    time : a date (or seconds, in a file of durations) between records; default: the first record
-    units : units of the variable if the file does not say them
-    outside : value for cells that lie outside the file; default: an error if they are wet
+    variable : name of the variable; default: found by standard_name, else by well-known names
+    concentration : name of the concentration variable, which converts one kind of thickness to the other and weights the
+        points of a cell between ice and open water
+    thickness_of : whether the thickness in the file is a mean over the "ice" or the "cell"; "auto": as the file says
+    time : a date (or seconds, in a file of durations), also between records; default: the first record
+    units : units of the variable, if the file states none
+    outside : value for cells outside the file; default: an error if they are wet
 
     Returns
     -------
     (grid.size,) ; 0 on dry cells without data.  Values beyond a bound by no more than 1e-3 (of 1, or m) are
-    rounding: they are set to the bound, with a warning.  Where the concentration is below 1e-3 the thickness
+    taken as rounding errors and set to the bound, with a warning.  Where the concentration is below 1e-3 the thickness
     is 0.
 
     Raises
     ------
     InputError
-        if the variable, its meaning, its units, or its place are not clear; for a value beyond its bounds;
+        if the variable, its meaning, its units or its position is not clear; for a value out of bounds;
         if wet cells are not covered.
     """
     check_grid("grid", grid)
@@ -178,7 +178,7 @@ def read_scalar(
 
 
 def begins(path: Source, concentration: str | None, select: dict[str, int] | None) -> str | None:
-    """The date of the first of several records of a file's ice concentration; None if it has no dates, or one record."""
+    """The date of the first record of a file's ice concentration; None if it has no dates, or a single record."""
     found = find(
         open_files(path), _CONCENTRATION, concentration and (concentration,), "concentration"
     )

@@ -1,8 +1,8 @@
-"""Scene files: what is in the water, in TOML (or YAML), in the words of the Python API.
+"""Scene files: a description of a run in TOML (or YAML), with the names of the Python API.
 
-A scene lists what is modelled; what it does not list is not modelled.  Every number is in SI units (m, s,
-m/s, Pa, kg/m³; only angles on the globe are in degrees), and `floebmi scene --keys` prints each key with its
-unit, its default and what it means.  Paths are relative to the scene file.
+A scene lists the processes to model; what it does not list is not modelled.  All numbers are in SI units (m, s,
+m/s, Pa, kg/m³), except for longitudes and latitudes in degrees.  `floebmi scene --keys` prints each key with its
+unit, default and meaning.  Paths are relative to the scene file.
 
     read_scene("labrador-sea")  →  Scene: checked tables  →  build()  →  Model, forcing, schedule
 """
@@ -87,14 +87,16 @@ _Domain: Any = table_of(Domain)
 
 
 class DomainTable(_Domain):
-    """The rectangle in which floes live, and what its edges do."""
+    """The rectangle in which the floes move, and what happens at its edges."""
 
     x: Pair = Field(description="west and east edge [m]")
     y: Pair = Field(description="south and north edge [m]")
-    edges: Edge | None = Field(None, description="what all four edges do, if they do the same")
+    edges: Edge | None = Field(
+        None, description="one behaviour for all four edges, instead of west, east, south and north"
+    )
     projection: str | None = Field(
         None,
-        description="plane of x and y for data in longitude and latitude: 'EPSG:3413', '+proj=laea …'",
+        description="map projection of x and y, for data in longitude and latitude: 'EPSG:3413', '+proj=laea …'",
     )
 
     @model_validator(mode="after")
@@ -116,31 +118,35 @@ class Uniform(Table):
 
     kind: Literal["uniform_rectilinear"] = "uniform_rectilinear"
     spacing: Positive | tuple[Positive, Positive] | None = Field(
-        None, description="side of a cell, or (along x, along y) [m]; it divides the domain"
+        None, description="cell size, or (along x, along y) [m]; must divide the extent of the grid"
     )
-    shape: tuple[Count, Count] | None = Field(None, description="cells (along y, along x) instead")
+    shape: tuple[Count, Count] | None = Field(
+        None, description="number of cells (along y, along x), instead of spacing"
+    )
     x: Pair | None = Field(
-        None, description="west and east edge [m]; those of the domain if left out"
+        None, description="west and east edge of the grid [m]; default: those of the domain"
     )
-    y: Pair | None = Field(None, description="south and north edge [m]")
+    y: Pair | None = Field(
+        None, description="south and north edge of the grid [m]; default: those of the domain"
+    )
 
     def build(self, domain: Domain, folder: Path) -> Grid:
         return Grid.uniform(self.x or domain.x, self.y or domain.y, self.spacing, self.shape)
 
 
 class Rectilinear(Table):
-    """Rectangles between edges."""
+    """Rectangles between given edges."""
 
     kind: Literal["rectilinear"] = "rectilinear"
-    x_edges: list[float] = Field(description="edges of the columns [m], growing")
-    y_edges: list[float] = Field(description="edges of the rows [m], growing")
+    x_edges: list[float] = Field(description="edges of the columns [m], increasing")
+    y_edges: list[float] = Field(description="edges of the rows [m], increasing")
 
     def build(self, domain: Domain, folder: Path) -> Grid:
         return Grid.rectilinear(self.x_edges, self.y_edges)
 
 
 class Curvilinear(Table):
-    """Quadrilaterals, from a NetCDF file with x_corners and y_corners (ny + 1, nx + 1), in m or what their units say."""
+    """Quadrilaterals, from a NetCDF file with x_corners and y_corners (ny + 1, nx + 1), in metres or the units that the file states."""
 
     kind: Literal["curvilinear"] = "curvilinear"
     file: ScenePath = Field(
@@ -192,7 +198,7 @@ def _arrays(path: Path, *names: str) -> list[np.ndarray]:
 
 
 def _values(variable: "Variable", where: str) -> np.ndarray:
-    """Coordinates [m], NaN where there are none, or numbers of nodes from 0, -1 where there are none."""
+    """Coordinates [m], NaN where missing; or node numbers counted from 0, -1 where missing."""
     values = variable[:]
     if variable.name == "face_nodes":
         nodes = np.ma.filled(values, -1).astype(np.int64)
@@ -207,27 +213,27 @@ def _values(variable: "Variable", where: str) -> np.ndarray:
 
 
 class CoastTable(Table):
-    """Land: its shore is lined with fixed floes, and its cells are dry."""
+    """Land: its shore is lined with fixed floes, and the grid cells on it are dry."""
 
     file: ScenePath | None = Field(
         None, description="NetCDF file with a land fraction or a sea mask"
     )
     variable: str | None = Field(
-        None, description="its variable; found by its standard name if left out"
+        None, description="variable to read; default: found by its standard name"
     )
     select: dict[str, int] | None = Field(None, description=SELECT)
     outside: Literal["error", "land", "water"] = Field(
-        "error", description="what a cell is that lies outside the file"
+        "error", description="what a cell outside the file counts as"
     )
     position: Position = Field("auto", description=POSITION)
     file_projection: str | None = Field(None, description=FILE_PROJECTION)
     geojson: ScenePath | None = Field(
-        None, description="GeoJSON file with polygons of land instead"
+        None, description="GeoJSON file with land polygons, instead of file"
     )
     radius: Positive = Field(
-        description="of the fixed floes on the shore [m]; capes too narrow for them get smaller ones, to an eighth"
+        description="radius of the fixed floes on the shore [m]; capes too narrow for them get smaller ones, down to an eighth"
     )
-    thickness: Positive = Field(10.0, description="of the fixed floes on the shore [m]")
+    thickness: Positive = Field(10.0, description="thickness of the fixed floes on the shore [m]")
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -235,7 +241,7 @@ class CoastTable(Table):
             raise InputError("give either file or geojson")
         idle = self.model_fields_set - {"file", "geojson", "radius", "thickness"}
         if self.file is None and idle:
-            raise InputError(f"{min(idle)} is about a file, not about geojson: leave it out")
+            raise InputError(f"{min(idle)} applies to file, not to geojson: leave it out")
         return self
 
 
@@ -245,7 +251,7 @@ _Inflow: Any = table_of(Inflow)
 class InflowTable(_Inflow):
     """New floes along an edge of the domain, each as soon as there is room for it."""
 
-    sizes: SizeTable = Field(description="size distribution, by number of floes")
+    sizes: SizeTable = Field(description="floe size distribution (by number of floes)")
 
 
 # ---- contact and forces -----------------------------------------------------------------------
@@ -254,17 +260,17 @@ _FRICTIONS = {"coulomb": Coulomb, "damsgaard2018": Damsgaard2018Coulomb}
 
 
 class Parts(Table):
-    """A contact law in parts; a part that is left out is not modelled."""
+    """A contact law composed of parts; a part that is left out is not modelled."""
 
     model: Literal["parts"] = "parts"
     elastic: keyed(Elastic) = Field(Elastic(), description="normal elasticity")
     friction: one_of("law", _FRICTIONS, "coulomb") | None = Field(
-        None, description="friction, with rotation"
+        None, description="friction, which also makes the floes rotate"
     )
-    bonds: keyed(TensileStrength) | None = Field(None, description="tensile strength")
+    bonds: keyed(TensileStrength) | None = Field(None, description="bonds with a tensile strength")
     dashpot: keyed(Restitution) | None = Field(None, description="normal damping")
     failure: keyed(CompressiveFailure) | None = Field(
-        None, description="failure in compression, then sliding of floe over floe"
+        None, description="compressive failure, followed by sliding of one floe over the other"
     )
 
     def build(self) -> Contact:
@@ -282,39 +288,40 @@ ContactTable = word_or(
 
 
 class FluidTable(Table):
-    """What the ice sees of the ocean or of the air."""
+    """The velocity of the ocean or the air, as the ice feels it."""
 
     velocity: Pair | None = Field(
-        None, description="the same everywhere and always (along x, along y) [m/s]; else still"
+        None,
+        description="uniform, constant velocity (along x, along y) [m/s]; without it and without file: at rest",
     )
     file: ScenePath | list[ScenePath] | None = Field(
         None,
-        description="NetCDF or Zarr with the velocity in space and time, or several with its parts",
+        description="NetCDF or Zarr file with the velocity in space and time, or several files that hold its parts",
     )
     variables: tuple[str, str] | None = Field(
-        None, description="its variables of u and v, if their names and attributes do not tell"
+        None, description="variables of u and v, if their names and attributes do not identify them"
     )
     vectors: Literal["auto", "east-north", "grid"] = Field(
-        "auto", description="components along east and north, or along the file's own axes"
+        "auto", description="direction of the components: east and north, or the file's own axes"
     )
     stagger: Literal["auto", "none", "before", "after"] = Field(
-        "auto", description="where u and v lie on a C grid, see `floebmi.cgrid`"
+        "auto", description="position of u and v on a C grid, see `floebmi.cgrid`"
     )
     depth: NonNegative | None = Field(
         None,
-        description="the level nearest to this depth, of wind to this height, is taken [m]; else that of the surface, "
-        "of wind that at 10 m",
+        description="depth (for wind: height) [m]; the level nearest to it is read; default: the surface, 10 m for wind",
     )
     select: dict[str, int] | None = Field(None, description=SELECT)
     units: str | None = Field(
-        None, description="of the velocity, if the file does not say or says it wrong"
+        None, description="units of the velocity, if the file states none or wrong ones"
     )
     mask: str = Field("auto", description=MASK)
     fill_land: FillLand = Field("error", description=FILL_LAND)
     position: Position = Field("auto", description=POSITION)
     file_projection: str | None = Field(None, description=FILE_PROJECTION)
     beyond_span: BeyondSpan = Field(
-        "error", description="what holds before the first and after the last record"
+        "error",
+        description="what to do before the first and after the last record",
     )
 
     @model_validator(mode="after")
@@ -324,32 +331,36 @@ class FluidTable(Table):
         if self.file is None:
             idle = self.model_fields_set - {"velocity", "drag", "grid", "layer_thickness"}
             if idle:
-                raise InputError(f"{min(idle)} is about a file: give file, or leave it out")
+                raise InputError(f"{min(idle)} applies to a file: give file, or leave it out")
         return self
 
 
 class Ocean(FluidTable):
-    """Ocean: drag on the floes' bottoms and sides."""
+    """The ocean: its velocity, and its drag on the bottoms and sides of the floes."""
 
     drag: word_or(Literal[*DRAG_PRESETS], OceanDrag) = Field("damsgaard2018", description=_DRAG)
     layer_thickness: Positive | None = Field(
-        None, description="of the host's uppermost layer [m]: warns of exchanges that are too rare"
+        None,
+        description="thickness of the host's uppermost layer [m]; with it, exchanges that are too rare raise a warning",
     )
 
 
 class Atmosphere(FluidTable):
-    """Wind: drag on the floes' tops and freeboards."""
+    """The wind: its velocity, and its drag on the tops and freeboards of the floes."""
 
     drag: word_or(Literal[*DRAG_PRESETS], AirDrag) = Field("damsgaard2018", description=_DRAG)
-    grid: GridTable | None = Field(None, description="a grid of its own; else that of [grid]")
+    grid: GridTable | None = Field(None, description="separate grid for the wind; default: [grid]")
 
 
 class CoriolisTable(Table):
     """Coriolis acceleration."""
 
-    parameter: float | None = Field(None, description="f [1/s]")
+    parameter: float | None = Field(None, description="Coriolis parameter f [1/s]")
     latitude: float | None = Field(
-        None, ge=-90, le=90, description="instead: f = 2 Ω sin(latitude) [degrees]"
+        None,
+        ge=-90,
+        le=90,
+        description="latitude [degrees], instead of parameter: f = 2 Ω sin(latitude)",
     )
 
     @model_validator(mode="after")
@@ -370,22 +381,20 @@ _Tilt: Any = table_of(Tilt)
 class TiltTable(_Tilt):
     """Sea-surface tilt."""
 
-    slope: Pair = Field(
-        (0.0, 0.0), description="slope of the sea surface (∂η/∂x, ∂η/∂y) [1]; else level"
-    )
+    slope: Pair = Field((0.0, 0.0), description="slope of the sea surface (∂η/∂x, ∂η/∂y) [1]")
 
 
 class Ice(Table):
-    """The material."""
+    """Material properties of the ice."""
 
-    density: Positive = Field(934.0, description="ρ_ice [kg/m³]")
+    density: Positive = Field(934.0, description="density of the ice ρ_ice [kg/m³]")
     draft: Literal["hydrostatic"] | PositiveFraction = Field(
         0.9,
-        description="draft over thickness [1], or 'hydrostatic': ρ_ice over the ocean's density",
+        description="ratio of draft to thickness [1], or 'hydrostatic': ρ_ice over the ocean's density",
     )
     rotation: bool = Field(
         False,
-        description="make floes rotate although no friction asks for it (torque of vorticity)",
+        description="let floes rotate even if the contact law does not need it (torque from the fluids' vorticity)",
     )
 
 
@@ -393,20 +402,23 @@ class Ice(Table):
 
 
 class Time(Table):
-    """When, how long, and how often ice and fluids exchange momentum."""
+    """Start, duration, and how often the ice and the fluids exchange momentum."""
 
-    duration: Positive | None = Field(None, description="of the run [s]; a coupled run needs none")
+    duration: Positive | None = Field(
+        None, description="length of the run [s]; a coupled run needs none"
+    )
     exchange: Positive | None = Field(
-        None, description="between exchanges with ocean and air [s]; else output.every"
+        None,
+        description="time between exchanges with ocean and atmosphere [s]; default: output.every",
     )
     start: str | None = Field(
         None,
-        description="date of time 0, as '1980-01-01' or '1980-01-01 12:00'; else that of the first record of dated files",
+        description="date of time 0, such as '1980-01-01' or '1980-01-01 12:00'; default: the first record of dated files",
     )
     calendar: Calendar | None = Field(
         None,
-        description="CF calendar of the dates, which velocities from files must have, too; if left out: 'standard', "
-        "and each file's dates in its own",
+        description="CF calendar of the dates; files of velocities must have the same; default: 'standard' for the scene, "
+        "and each file's own calendar for its dates",
     )
 
     @model_validator(mode="after")
@@ -417,21 +429,22 @@ class Time(Table):
 
 
 class Output(Table):
-    """What is written while the model runs."""
+    """Files that a run writes."""
 
     every: Positive | None = Field(
-        None, description="between frames [s]; else a twentieth of the run"
+        None, description="time between frames [s]; default: a twentieth of the run"
     )
     gridded: bool | None = Field(
-        None, description="NetCDF of fields on the grid; true if there is a [grid]"
+        None,
+        description="write fields on the grid as NetCDF; default: true if there is a [grid]",
     )
-    trajectories: bool = Field(True, description="NetCDF of the floes")
-    picture: bool = Field(True, description="PNG of the last frame")
-    paraview: bool = Field(False, description="ParaView files of all frames")
+    trajectories: bool = Field(True, description="write the floes' trajectories as NetCDF")
+    picture: bool = Field(True, description="draw the last frame as PNG")
+    paraview: bool = Field(False, description="write ParaView files of all frames")
 
 
 class Schedule(NamedTuple):
-    """Times of a run [s]."""
+    """Length of a run, and the intervals between exchanges and between frames [s]."""
 
     duration: float
     exchange: float
@@ -439,9 +452,9 @@ class Schedule(NamedTuple):
 
 
 class Built(NamedTuple):
-    """What a scene becomes: `run` takes these.
+    """The model of a scene and its forcing, the arguments of `run`.
 
-    start : date of time 0, that of the scene or else of the first record of dated files; None if there is none
+    start : date of time 0, from the scene or from the first record of dated files; None if there is none
     calendar : CF calendar of `start`
     """
 
@@ -457,73 +470,77 @@ StepTable: Any = table_of(Step)
 
 
 class Scene(Table):
-    """A scene: what is in the water, and what moves it."""
+    """A scene: the ice, and what moves it."""
 
-    title: str = Field("", description="one line")
+    title: str = Field("", description="title of the scene, one line")
     seed: int = Field(
         0,
         ge=0,
-        description="of everything random; the same seed gives the same bits. Each group of floes has random numbers of its own",
+        description="seed of all random numbers; the same seed gives bit-identical results. Each group of floes draws its own numbers",
     )
     preset: Literal["damsgaard2018"] | None = Field(
-        None, description="'damsgaard2018': time step, scheme and lever arms as the paper ran them"
+        None,
+        description="'damsgaard2018': time step, integration scheme and lever arms as in the paper's runs",
     )
     threads: Count = Field(
         1,
-        description="for a large pack, from 50 000 floes on; the bits are the same for any number",
+        description="number of threads, which take effect from 50 000 floes on; results are bit-identical for any number",
     )
     sampling: Literal["overlap", "centre"] = Field(
         "overlap",
-        description="floe-grid weights: exact areas, or the paper's bilinear at the centre (the cell there where cells are no rectangles)",
+        description="weights between floes and grid: exact areas of overlap, or the paper's bilinear interpolation at the "
+        "floe's centre (on cells that are not rectangles: the cell that holds it)",
     )
-    domain: DomainTable = Field(description="where floes live")
-    grid: GridTable | None = Field(None, description="exchange grid with ocean and air")
-    ice: Ice = Field(Ice(), description="the material")
+    domain: DomainTable = Field(description="the rectangle in which the floes move")
+    grid: GridTable | None = Field(
+        None, description="exchange grid between the ice, the ocean and the atmosphere"
+    )
+    ice: Ice = Field(Ice(), description="material properties of the ice")
     floes: list[GroupTable] = Field([], description="groups of floes, [floes] or [[floes]]")
     contact: ContactTable | None = Field(
-        None, description="'frictional', 'cohesive', 'none', or a table"
+        None, description="contact law: 'frictional', 'cohesive', 'none', or a table"
     )
-    coast: CoastTable | None = Field(None, description="land")
-    ocean: Ocean | None = Field(None, description="ocean drag")
-    atmosphere: Atmosphere | None = Field(None, description="wind drag")
+    coast: CoastTable | None = Field(None, description="land and its shore")
+    ocean: Ocean | None = Field(None, description="ocean velocity and drag")
+    atmosphere: Atmosphere | None = Field(None, description="wind velocity and drag")
     coriolis: CoriolisTable | None = Field(None, description="Coriolis acceleration")
     tilt: TiltTable | None = Field(None, description="sea-surface tilt")
-    body_force: keyed(BodyForce) | None = Field(None, description="a uniform acceleration")
+    body_force: keyed(BodyForce) | None = Field(None, description="uniform acceleration")
     walls: list[keyed(Wall)] = Field([], description="frictionless walls, [[walls]]")
-    inflow: list[InflowTable] = Field([], description="edges where floes come in, [[inflow]]")
-    step: StepTable = Field(StepTable(), description="how time is stepped")
-    time: Time = Field(Time(), description="when and how long")
-    output: Output = Field(Output(), description="what is written")
+    inflow: list[InflowTable] = Field([], description="edges where new floes enter, [[inflow]]")
+    step: StepTable = Field(StepTable(), description="time step and integration scheme")
+    time: Time = Field(Time(), description="start, duration and exchange interval")
+    output: Output = Field(Output(), description="files that a run writes")
 
     _file: Path = PrivateAttr(default=Path("scene"))
     _text: str = PrivateAttr(default="")
 
     @property
     def file(self) -> Path:
-        """Where the scene was read from."""
+        """Path of the file that the scene was read from."""
         return self._file
 
     @property
     def name(self) -> str:
-        """The file's name without its suffix; output is named after it."""
+        """Name of the scene file without its suffix; the output is named after it."""
         return self._file.stem
 
     @property
     def text(self) -> str:
-        """The text of the file; overrides stand as comments at its end."""
+        """Text of the scene file, with any overrides as comments at its end."""
         return self._text
 
     def paths(self) -> list[str]:
-        """The files that the scene reads, as written in it."""
+        """Files that the scene reads, with paths as written in it."""
         return list(dict.fromkeys(_paths_in(self)))
 
     def schedule(self, duration: float | None = None) -> Schedule:
-        """Times of the run [s]; `duration` replaces the scene's.
+        """Length of the run and its intervals [s]; `duration` replaces the scene's.
 
         Raises
         ------
         InputError
-            if no duration is known, or the exchange interval does not divide the output interval.
+            if there is no duration, or the exchange interval does not divide the output interval.
         """
         total = self.time.duration if duration is None else duration
         if total is None:
@@ -543,7 +560,7 @@ class Scene(Table):
         return Schedule(float(total), float(exchange), float(every))
 
     def check_forcing(self, built: Built, start: float, end: float) -> None:
-        """InputError with file and table if the forcing does not reach from start to end [s]."""
+        """Raise InputError, naming file and table, unless the forcing covers start to end [s]."""
         for table, source, fluid in (
             ("ocean", built.ocean, built.model.ocean),
             ("atmosphere", built.atmosphere, built.model.atmosphere),
@@ -557,7 +574,7 @@ class Scene(Table):
 
     @contextlib.contextmanager
     def place(self, table: str) -> Iterator[None]:
-        """What goes wrong inside is said with file and table."""
+        """Context in which an InputError gets the file and the table in front of its message."""
         try:
             yield
         except InputError as error:
@@ -565,12 +582,12 @@ class Scene(Table):
             raise InputError(f"{where} {error}") from error
 
     def build(self) -> Built:
-        """The model at time 0, what drives it, and the land in it.
+        """Build the model at time 0, its forcing, and its land.
 
         Raises
         ------
         InputError
-            one line with file and table.
+            one line that names file and table.
         """
         from floebmi.model import Model
 
@@ -648,7 +665,7 @@ class Scene(Table):
         return Floes.concatenate(parts)
 
     def tilt_sea(self, model: "Model") -> None:
-        """Give the ocean the slope of this scene; after a restart too, whose state brings that of the scene it is from."""
+        """Set the ocean's surface slope to this scene's; needed again after a restart, which restores its own scene's slope."""
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
 
@@ -670,7 +687,7 @@ class Scene(Table):
         return law._replace(friction=Damsgaard2018Coulomb(*law.friction))
 
     def step_law(self) -> Step:
-        """How time is stepped; what the scene does not say comes from its preset."""
+        """Time step and scheme; what the scene leaves open is taken from its preset."""
         step = law_of(self.step, Step)
         given = {name: getattr(step, name) for name in self.step.model_fields_set}
         for name in given.keys() & {"epsilon", "length"} if step.fraction is not None else ():
@@ -746,8 +763,8 @@ class Scene(Table):
     ) -> tuple[str | None, str]:
         """The date of time 0, and its calendar.
 
-        Without one in the scene, two dated files whose first records, each of which would be at time 0, are of other
-        dates are refused.
+        If the scene gives no date, time 0 is the first record of each dated file; two files whose first records
+        have different dates are then refused.
         """
         calendar = self.time.calendar or "standard"
         if self.time.start is not None:
@@ -843,12 +860,12 @@ def _paths_in(table: Table) -> Iterator[str]:
 
 
 def find_scene(scene: str | Path) -> Path:
-    """The file of a scene: a path, or the name of a packaged scene.
+    """Find the file of a scene, given its path or the name of a packaged scene.
 
     Raises
     ------
     InputError
-        if there is neither; it names the packaged scenes and a near one.
+        if there is neither; the message lists the packaged scenes and suggests the nearest name.
     """
     if not isinstance(scene, str | os.PathLike) or "\0" in str(scene):
         raise InputError(f"scene = {in_line(scene)}: must be the path of a file or a packaged name")
@@ -868,12 +885,12 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
     Parameters
     ----------
     scene : path of a TOML or YAML file, or the name of a packaged scene
-    overrides : texts such as "time.duration=3600", as after `--set`
+    overrides : strings such as "time.duration=3600", as given to `--set`
 
     Returns
     -------
-    Scene : its tables, checked; `build()` makes `model`, `ocean`, `atmosphere` (what fills their velocities, or None)
-        and `land` (rings [m]), which `run` takes
+    Scene : the checked tables; `build()` returns `model`, `ocean` and `atmosphere` (sources of their velocities, or
+        None) and `land` (rings [m]), the arguments of `run`
 
     Raises
     ------
@@ -902,25 +919,25 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 
 def _as_lists(tables: dict) -> None:
-    """One table of floes or inflow stands for a list of one."""
+    """Turn a single table of floes or inflow into a list of one."""
     for name in ("floes", "inflow"):
         if isinstance(tables.get(name), dict):
             tables[name] = [tables[name]]
 
 
 def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:
-    """Copy a packaged scene, and the data that it reads, so that the copy runs; returns the new files.
+    """Copy a packaged scene with the data that it reads, so that the copy runs; returns the new files.
 
     Parameters
     ----------
-    name : of the packaged scene
-    to : file to make, or a folder to make it in
-    force : whether files may be replaced
+    name : name of the packaged scene
+    to : file to write, or folder to write it in
+    force : whether existing files may be replaced
 
     Raises
     ------
     InputError
-        if a file would be replaced that differs.
+        if a file with other contents would be replaced.
     """
     if name not in packaged():
         raise InputError(f"{name}: no packaged scene; {choose(name, packaged())}")

@@ -1,4 +1,4 @@
-"""Groups of floes in a scene: the keys that each arrangement has, and the floes that come of it."""
+"""Groups of floes in a scene: the keys of each arrangement, and the floes that it makes."""
 
 import warnings
 from pathlib import Path
@@ -44,11 +44,11 @@ _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
 
 
 class Sea(NamedTuple):
-    """What the rest of a scene says of the sea that floes are laid into.
+    """What the groups of floes need from the rest of the scene.
 
     domain, grid, land : grid and land are None where the scene has none
-    folder : of the scene file, which paths are relative to
-    projection, start, calendar : the scene's, for files; None where it has none
+    folder : folder of the scene file, to which paths are relative
+    projection, start, calendar : those of the scene, for reading files; None where it has none
     """
 
     domain: Domain
@@ -82,7 +82,7 @@ SizeTable = one_of("distribution", {**_SIZE_LAWS, "file": SizesFromFile})
 
 
 def sizes_of(table: Any, folder: Path) -> Any:
-    """The distribution that a table of sizes says; paths in it are relative to `folder`."""
+    """The size distribution that a table describes; paths in it are relative to `folder`."""
     if isinstance(table, SizesFromFile):
         return sizes_from_file(folder / table.file)
     return law_of(table, _SIZE_LAWS[table.distribution])
@@ -96,15 +96,16 @@ class Group(Table):
 
     velocity: Pair = Field(
         (0.0, 0.0),
-        description="velocity at the start (along x, along y) [m/s]; else that of the file or list, or at rest",
+        description="initial velocity (along x, along y) [m/s]; default: that in the file or list, or at rest",
     )
     motion: Motion = Field(
         "free",
-        description="'fixed' stands still, 'driven' keeps its velocity, or the axes along which it does: "
-        "['x', 'y', 'rotation']; floes of a file or list have their own unless it is given",
+        description="'free', 'fixed' (stands still), 'driven' (keeps its velocity), or a list of the axes along which the "
+        "velocity is kept: ['x', 'y', 'rotation']; default for a file or list: what it gives for each floe",
     )
     smallest: NonNegative = Field(
-        0.0, description="smaller floes are left out, the others thicker: the mass stays [m]"
+        0.0,
+        description="smallest radius [m]: smaller floes are left out, and the others thickened so that the mass is kept",
     )
 
     @model_validator(mode="after")
@@ -114,7 +115,7 @@ class Group(Table):
         return self
 
     def build(self, sea: Sea, seed: int) -> Floes:
-        """The floes of the group; it draws from `seed` unless it has its own."""
+        """The floes of the group, drawn with `seed` unless the group has a seed of its own."""
         floes = without_small(self._arranged(sea, seed), self.smallest)
         if "velocity" in self.model_fields_set:
             floes.u, floes.v = self.velocity
@@ -129,20 +130,24 @@ class Group(Table):
 
 
 class Scatter(Group):
-    """Irregular, without overlap, to a wanted concentration or number."""
+    """Floes in random places without overlap, at a given concentration or number."""
 
     arrangement: Literal["scatter"] = "scatter"
-    size: SizeTable = Field(description="size distribution, by number of floes")
+    size: SizeTable = Field(description="floe size distribution (by number of floes)")
     concentration: PositiveFraction | None = Field(
-        None, description="area of the floes over the area of their region, to 0.85 [1]"
+        None, description="area of the floes over the area of their region [1], up to about 0.85"
     )
-    count: Count | None = Field(None, description="number of floes instead")
-    thickness: Positive = Field(1.0, description="of the floes [m]")
+    count: Count | None = Field(None, description="number of floes, instead of concentration")
+    thickness: Positive = Field(1.0, description="thickness of the floes [m]")
     x: Pair | None = Field(
-        None, description="west and east bound of their region [m]; else the domain's"
+        None, description="west and east bounds of the region [m]; default: the domain's"
     )
-    y: Pair | None = Field(None, description="south and north bound of their region [m]")
-    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+    y: Pair | None = Field(
+        None, description="south and north bounds of the region [m]; default: the domain's"
+    )
+    seed: int | None = Field(
+        None, ge=0, description="seed of this group; default: derived from the scene's seed"
+    )
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:
         from floebmi import packing
@@ -163,15 +168,20 @@ class Regular(Group):
     """A lattice of equal floes."""
 
     arrangement: Literal["regular"] = "regular"
-    radius: Positive = Field(description="of the floes [m]")
-    spacing: Positive | None = Field(None, description="between neighbouring centres [m]")
-    concentration: PositiveFraction | None = Field(None, description="instead of spacing [1]")
-    lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="how they are stacked")
-    thickness: Positive = Field(1.0, description="of the floes [m]")
-    x: Pair | None = Field(
-        None, description="west and east bound of their region [m]; else the domain's"
+    radius: Positive = Field(description="radius of the floes [m]")
+    spacing: Positive | None = Field(None, description="distance between neighbouring centres [m]")
+    concentration: PositiveFraction | None = Field(
+        None,
+        description="area of the floes over the area of their region [1], instead of spacing",
     )
-    y: Pair | None = Field(None, description="south and north bound of their region [m]")
+    lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="type of lattice")
+    thickness: Positive = Field(1.0, description="thickness of the floes [m]")
+    x: Pair | None = Field(
+        None, description="west and east bounds of the region [m]; default: the domain's"
+    )
+    y: Pair | None = Field(
+        None, description="south and north bounds of the region [m]; default: the domain's"
+    )
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:
         from floebmi import packing
@@ -187,43 +197,46 @@ class Regular(Group):
 
 
 class FromField(Group):
-    """As a gridded concentration and thickness say."""
+    """Floes that hold the ice of a gridded concentration and thickness."""
 
     arrangement: Literal["field"] = "field"
     file: ScenePath = Field(description="NetCDF file with concentration and thickness")
     concentration: str | None = Field(
-        None, description="its variable of area fraction; found by its standard name if left out"
+        None, description="variable of the area fraction; default: found by its standard name"
     )
     thickness: str | Positive | None = Field(
-        None, description="its variable of thickness, or one thickness for all [m]"
+        None, description="variable of the thickness, or one thickness for all floes [m]"
     )
     thickness_of: Literal["auto", "ice", "cell"] = Field(
         "auto",
-        description="what the file's thickness is the mean over: the ice, or the cell with its water",
+        description="whether the thickness in the file is a mean over the ice or over the whole cell",
     )
     units: str | None = Field(
-        None, description="of the file's thickness, if it does not say or says it wrong"
+        None, description="units of the thickness in the file, if it states none or wrong ones"
     )
     time: str | None = Field(
-        None, description="date of the ice; else time.start, else the file's first record"
+        None,
+        description="date of the ice; default: [time] start, or the file's first record without it",
     )
     select: dict[str, int] | None = Field(None, description=SELECT)
     mask: str = Field("auto", description=MASK)
     fill_land: FillLand = Field("error", description=FILL_LAND)
     outside: Literal["error", "open water"] = Field(
-        "error", description="what a wet cell gets that lies outside the file"
+        "error", description="what a wet cell outside the file gets"
     )
     position: Position = Field("auto", description=POSITION)
     file_projection: str | None = Field(None, description=FILE_PROJECTION)
-    size: SizeTable = Field(description="size distribution, by number of floes")
-    seed: int | None = Field(None, ge=0, description="of this group; else from the scene's seed")
+    size: SizeTable = Field(description="floe size distribution (by number of floes)")
+    seed: int | None = Field(
+        None, ge=0, description="seed of this group; default: derived from the scene's seed"
+    )
 
     @model_validator(mode="after")
     def _one_thickness(self) -> Self:
         for name, of_file in (("thickness_of", self.thickness_of != "auto"), ("units", self.units)):
             if isinstance(self.thickness, float) and of_file:
                 raise InputError(
-                    f"{name} is about a thickness in the file, not about thickness = {self.thickness:g} of all floes:"
+                    f"{name} applies to a thickness in the file, not to thickness = {self.thickness:g} of all floes:"
                     " leave one of the two out"
                 )
         return self
@@ -247,7 +260,7 @@ class FromField(Group):
         )
 
     def ice(self, sea: Sea) -> tuple[np.ndarray, np.ndarray]:
-        """Area fraction [1] and thickness of the ice itself [m] on the sea's grid; no thickness is no ice."""
+        """Area fraction [1] and actual ice thickness [m] on the scene's grid; where the thickness is 0 there is no ice."""
         from floebmi.scalars import read_scalar
 
         path, plane = sea.folder / self.file, sea.projection
@@ -271,7 +284,7 @@ class FromField(Group):
         return np.where(thickness > 0, fraction, 0.0), thickness
 
     def check_begins(self, folder: Path, start: str) -> None:
-        """Refuse ice of the file's first record, where that is of another date than the wind and current at time 0."""
+        """Refuse to take the ice from the file's first record if its date is not that of the wind and current at time 0."""
         from floebmi.scalars import begins
 
         if self.time is not None:
@@ -288,9 +301,9 @@ class FromFile(Group):
     """Floes from a CSV or GeoJSON file."""
 
     arrangement: Literal["file"] = "file"
-    file: ScenePath = Field(description="CSV or GeoJSON of floes")
+    file: ScenePath = Field(description="CSV or GeoJSON file of floes")
     thickness: Positive | None = Field(
-        None, description="of all floes [m], for a file that has none"
+        None, description="thickness of all floes [m], for a file that has none"
     )
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:
@@ -307,17 +320,17 @@ class FromFile(Group):
 class OneFloe(Table):
     """One floe of a list."""
 
-    x: float = Field(description="centre [m]")
-    y: float = Field(description="centre [m]")
-    radius: Positive = Field(description="of the floe [m]")
-    thickness: Positive = Field(1.0, description="of the floe [m]")
+    x: float = Field(description="x of the centre [m]")
+    y: float = Field(description="y of the centre [m]")
+    radius: Positive = Field(description="radius of the floe [m]")
+    thickness: Positive = Field(1.0, description="thickness of the floe [m]")
     u: float = Field(0.0, description="velocity along x [m/s]")
     v: float = Field(0.0, description="velocity along y [m/s]")
-    motion: Motion = Field("free", description="as for a group of floes")
+    motion: Motion = Field("free", description="as `motion` of a group of floes")
 
 
 class Listed(Group):
-    """Floes one by one."""
+    """Floes listed one by one."""
 
     arrangement: Literal["list"] = "list"
     each: list[OneFloe] = Field(description="tables of x, y, radius, thickness, u, v, motion")
@@ -349,7 +362,7 @@ def _motion_bits(motion: Motion) -> int:
 
 
 def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
-    """Part of a domain; where it is cut off, nothing is periodic."""
+    """Part of a domain; a direction in which it is cut is no longer periodic."""
     if x is not None:
         domain = domain._replace(x=x, west="inactive", east="inactive")
     if y is not None:
@@ -358,7 +371,7 @@ def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
 
 
 def _land_in(region: Domain, sea: Sea) -> "Coast | None":
-    """The land that floes of a region of the sea keep clear of."""
+    """The land that floes in a region of the domain have to keep clear of."""
     if sea.land is None or region.period == sea.domain.period:
         return sea.land
     from floebmi.coast import within
@@ -373,7 +386,7 @@ def _land_in(region: Domain, sea: Sea) -> "Coast | None":
 
 
 def _check_inside(floes: Floes, domain: Domain) -> None:
-    """Refuse free floes beyond an edge that is not periodic: a wall would shoot them off, the others let them out."""
+    """Refuse free floes beyond an edge that is not periodic: a wall would eject them, other edges would drop them at once."""
     out = np.zeros(len(floes), bool)
     for values, (low, high), period in zip(
         (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True

@@ -1,4 +1,4 @@
-"""What keys of several tables of a scene are: pairs, paths, and how a gridded file is read."""
+"""Types and descriptions that several tables of a scene share: pairs, paths, and how a gridded file is read."""
 
 from typing import Annotated, Literal
 
@@ -17,19 +17,19 @@ def _path(text: str) -> str:
 
 ScenePath = Annotated[str, AfterValidator(_path)]  # of a file, relative to the scene file
 
-# ---- of all tables that read a gridded file ------------------------------------------------------
+# ---- shared by all tables that read a gridded file ------------------------------------------------------
 
-# those of places.py and remap.py, which need scipy: scenes are read without it
+# the same words as in places.py and remap.py, which import scipy: scenes are read without it
 Position = Literal["auto", "mapping", "lonlat"]
 FillLand = Literal["error", "nearest", "dry"]
 POSITION = (
-    "by x, y with their projection (or axes of longitude and latitude), or by 2-D longitude and latitude, "
-    "where a file has both"
+    "coordinates to use where a file has both: 'mapping', x and y with their projection (or axes of longitude and "
+    "latitude); 'lonlat', 2-D longitude and latitude"
 )
-FILE_PROJECTION = "plane of the file's own x and y, if it does not say or says it wrong"
-SELECT = "index along any other dimension, as {member = 3}"
-MASK = "its land-sea mask; 'none' takes missing values alone"
+FILE_PROJECTION = "projection of the file's own x and y, if the file states none or a wrong one"
+SELECT = "index along any other dimension, such as {member = 3}"
+MASK = "name of the file's land-sea mask; with 'none' only missing values count as land"
 FILL_LAND = (
-    "what a wet cell gets where the file has only land: an error, what the 'nearest' water has, or 'dry', 0 "
-    "(water or air at rest, no ice); the cell stays wet"
+    "what a wet cell gets where the file has only land: an error, the value of the 'nearest' water, or 0 with 'dry' "
+    "(fluid at rest, no ice); the cell stays wet"
 )

@@ -1,7 +1,7 @@
-"""How large the floes are: distributions of the radius by number of floes.
+"""Floe size distributions: distributions of the radius, by number of floes.
 
-A distribution is a NamedTuple of numbers, so that a scene file, the Python API and a file's
-attributes say it in the same words.  Each one draws radii, and knows its mean disc area, from which
+A distribution is a NamedTuple of numbers, so that scene files, the Python API and the attributes of
+output files use the same names.  Each one draws radii and has a mean disc area, from which
 a packing estimates how many floes it needs.
 """
 
@@ -27,13 +27,14 @@ Exponent = Annotated[float, Ge(-20), Le(20)]
 
 
 class PowerLaw(NamedTuple):
-    """Number density n(r) ~ r**exponent between two radii (eq. power-law-sizes).
+    """Power-law number density n(r) ~ r**exponent between two radii (eq. power-law-sizes).
 
     Parameters
     ----------
-    radius_min, radius_max : smallest and largest radius [m]
-    exponent : of the number density; the cumulative number falls with exponent + 1.  The default is
-        that of doi:10.1029/2018MS001299.
+    radius_min : smallest radius [m]
+    radius_max : largest radius [m]
+    exponent : exponent of the number density [1]; the cumulative number of larger floes has exponent + 1.  The
+        default is that of doi:10.1029/2018MS001299.
     """
 
     radius_min: Positive
@@ -72,11 +73,12 @@ class PowerLaw(NamedTuple):
 
 
 class UniformSize(NamedTuple):
-    """All radii between two bounds are equally likely.
+    """Uniform distribution: all radii between two bounds are equally likely.
 
     Parameters
     ----------
-    radius_min, radius_max : smallest and largest radius [m]
+    radius_min : smallest radius [m]
+    radius_max : largest radius [m]
     """
 
     radius_min: Positive
@@ -102,7 +104,7 @@ class SingleSize(NamedTuple):
 
     Parameters
     ----------
-    radius : of every floe [m]
+    radius : radius of every floe [m]
     """
 
     radius: Positive
@@ -122,12 +124,12 @@ class SingleSize(NamedTuple):
 
 
 class Histogram(NamedTuple):
-    """Counts of floes in bins of the radius; within a bin all radii are equally likely.
+    """Histogram of the radius: counts of floes in bins; within a bin all radii are equally likely.
 
     Parameters
     ----------
-    edges : of the bins [m], rising, one more than counts
-    counts : number of floes (or a weight) of each bin
+    edges : edges of the bins [m], increasing, one more than counts
+    counts : number of floes (or a weight) in each bin
     """
 
     edges: Annotated[tuple[Positive, ...], MinLen(2)]
@@ -156,7 +158,7 @@ class Histogram(NamedTuple):
 
 
 class Empirical(NamedTuple):
-    """Radii [m] of floes that were measured; each draw picks one of them."""
+    """Measured radii [m]; each draw picks one of them."""
 
     radii: Annotated[tuple[Positive, ...], MinLen(1)]
 
@@ -178,7 +180,7 @@ class Empirical(NamedTuple):
 
 
 def _in_short(sizes: Histogram | Empirical) -> str:
-    """As Python shows it, but of a long row, as a file has it, the first numbers alone."""
+    """The repr of a distribution, with only the first numbers of a long array (as from a file)."""
     rows = (f"{name}={reprlib.repr(row)}" for name, row in sizes._asdict().items())
     return f"{type(sizes).__name__}({', '.join(rows)})"
 
@@ -210,7 +212,7 @@ def check_sizes(sizes: Sizes) -> None:
         if falls.size:
             k = int(falls[0])
             raise InputError(
-                f"{name}.edges[{k}] = {edges[k]:g} m; must be greater than 0, and rise"
+                f"{name}.edges[{k}] = {edges[k]:g} m; must be greater than 0, and increase"
             )
         if counts.min() < 0 or counts.sum() == 0:
             k = int(counts.argmin())
@@ -237,7 +239,7 @@ def _row(name: str, values: tuple[float, ...]) -> np.ndarray:
 
 
 def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """The lines of a CSV file that are not blank and their numbers in it, the header first.
+    """The lines of a CSV file that are not blank, with their line numbers, the header first.
 
     InputError if it cannot be read.
     """
@@ -255,15 +257,17 @@ def csv_lines(path: Path) -> list[tuple[int, list[str]]]:
         raise InputError(f"{path}: empty; must have a header line")
     header = lines[0][1]
     if len(header) == 1 and (other := re.search(r"[;\t]", header[0])):
-        raise InputError(f"{path}: its columns are parted by {other[0]!r}; must be by commas")
+        raise InputError(
+            f"{path}: its columns are separated by {other[0]!r}; must be separated by commas"
+        )
     return lines
 
 
 def from_file(path: str | Path) -> Histogram | Empirical:
     """Sizes from a CSV file with one header line.
 
-    One column holds radii [m] (`Empirical`).  Two columns hold the lower edge of a bin [m] and its
-    count (`Histogram`); the last row's edge closes the last bin, its count is empty or 0.
+    One column holds radii [m] (`Empirical`).  Two columns hold the lower edge of each bin [m] and its
+    count (`Histogram`); the edge in the last row closes the last bin, and its count is empty or 0.
 
     Raises
     ------
@@ -286,7 +290,7 @@ def from_file(path: str | Path) -> Histogram | Empirical:
         )
     if len(header) == 2 and re.search(r"radi(us|i)|edge", header[1].lower()):
         raise InputError(
-            f"{path}: column {header[1].strip()!r}: must be counts, behind the edges of the bins"
+            f"{path}: column {header[1].strip()!r}: must be counts, after the edges of the bins"
         )
     columns: list[list[float]] = [[] for _ in header]
     last = rows[-1][0]

@@ -1,13 +1,13 @@
-"""Speed against accuracy: a scene run with its dials turned, each setting against a fine reference.
+"""Trade-off between speed and accuracy: a scene run with different settings, each compared with a fine reference.
 
-A setting is what one would write behind `--set`, such as "step.fraction=0.5 sampling=centre"; the empty one is
-the scene as it is.  Each runs with several seeds, in an ensemble; what it costs is seconds of a
-processor for a simulated day, and its errors are those of what a user looks at, relative to the reference.
+A setting is a text as for `--set`, such as "step.fraction=0.5 sampling=centre"; the empty text is the scene as it
+is.  Each setting runs with several seeds, in an ensemble.  Its cost is the processor time [s] per simulated day; its
+errors are those of quantities of interest (`COMPARED`), relative to the reference.
 
-A scene is quiet if a nudge of its floes by a millionth of a radius hardly changes what is compared; its
-settings are then compared pointwise, frame by frame and cell by cell.  Else it is chaotic: no step is short
-enough to follow the floes one by one, and means over time and seeds are compared.  The seeds are the
-same for all settings, and the spread of their differences says how far the error is known.
+A scene is quiet if moving its floes by a millionth of a radius hardly changes these quantities; its settings are
+then compared pointwise, frame by frame and cell by cell.  Otherwise it is chaotic: no time step is short
+enough to follow individual floes, and means over time and seeds are compared.  The seeds are the same for all
+settings, and the spread of the differences among seeds gives the uncertainty of the error.
 """
 
 import hashlib
@@ -45,14 +45,14 @@ if TYPE_CHECKING:
 
     from floebmi.model import Model
 
-NUDGED = "nudged"  # ends the name of the reference whose floes are moved by NUDGE of their radius
+NUDGED = "nudged"  # end of the name of the reference run whose floes are moved by NUDGE times their radius
 NUDGE = 1e-6
-# A scene is chaotic if a nudge changes a quantity by more than this share of the error asked for.
+# A scene is chaotic if the nudge changes a quantity by more than this fraction of the requested error.
 SEES = 0.1
 AS_IT_IS = "(the scene as it is)"
 REFERENCE_FRACTION = 0.1
-FINER = 4  # a step that the scene gives, and the exchange, over those of the reference
-COMPARED = {  # of each frame; and what it is
+FINER = 4  # ratio of the scene's own step, and of its exchange interval, to those of the reference
+COMPARED = {  # quantities that are compared in each frame, and their meaning
     "transport": "mass that has left through the edges",
     "drift": "mean displacement of the ice, by mass",
     "area_fraction": "concentration in the cells",
@@ -79,7 +79,7 @@ LIST_LETTERS_PER_INCH = 17.0  # about: they are smaller than those of labels
 
 
 class Measured(NamedTuple):
-    """The result: data set, the file, whether the scene is chaotic and why, what failed."""
+    """The result: data set, file, whether the scene is chaotic and why, and the runs that failed."""
 
     data: "xr.Dataset"
     path: Path
@@ -91,7 +91,7 @@ class Measured(NamedTuple):
 
 
 def settings(scene: Scene, model: "Model", schedule: Schedule) -> dict[str, list[str]]:
-    """What is tried of each dial of a scene, as texts for `--set`; model and schedule are those of the scene."""
+    """The settings to try for each option of a scene, as texts for `--set`; model and schedule are those of the scene."""
     law, step = model.contact, model.step
     dials: dict[str, list[str]] = {}
     bounded = bool(model.wall_edges)
@@ -126,7 +126,7 @@ def _is_model(scene: Scene) -> bool:
 
 
 def reference(model: "Model", schedule: Schedule) -> str:
-    """The fine setting that the others are compared with; model and schedule are those of the scene."""
+    """The fine setting with which the others are compared; model and schedule are those of the scene."""
     fine, step = [], model.step
     if step.length is not None:  # it has the last word, as epsilon has over a fraction
         fine.append(f"step.length={step.length / FINER:.12g}")
@@ -143,7 +143,7 @@ def reference(model: "Model", schedule: Schedule) -> str:
 
 
 def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
-    """One run of a setting: arrays by the names of `OUTPUTS`."""
+    """One run of a setting; returns arrays with the names of `OUTPUTS`."""
     changes = shlex.split(parameters["setting"])
     nudged = NUDGED in changes
     changes = [*parameters["overrides"], *(c for c in changes if c != NUDGED), f"seed={seed}"]
@@ -182,7 +182,7 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
 
 
 def _way(model: "Model", before: Floes) -> np.ndarray:
-    """Mean way of the ice by mass [m], of floes that were there before and are there now."""
+    """Mass-weighted mean displacement [m] of the floes that were active before and are active now."""
     n, now = len(before), model.floes
     stays = before.active & now.active[:n] & ~before.land
     mass = before.mass(model.ice_density)[stays]
@@ -195,7 +195,7 @@ def _way(model: "Model", before: Floes) -> np.ndarray:
 
 
 def _grid(scene: Scene, model: "Model") -> Grid:
-    """Where fields are compared: the scene's exchange grid, or 8 × 8 cells."""
+    """The grid on which fields are compared: the scene's exchange grid, or 8 × 8 cells."""
     if scene.grid is not None:
         return model.grid
     return Grid.uniform(model.domain.x, model.domain.y, shape=(8, 8))
@@ -255,25 +255,25 @@ def tradeoff(
     jobs: int | None = None,
     progress: bool = False,
 ) -> Measured:
-    """Measure what the dials of a scene cost and gain, alone and together.
+    """Measure cost and error of the settings of a scene, alone and combined.
 
     Parameters
     ----------
     scene_file, overrides : as for `read_scene`
-    error : that a recommended setting may have, relative to the reference
-    of : the quantity whose error counts, one of `COMPARED`; default: transport where floes leave, drift where
+    error : largest error of a recommended setting [1], relative to the reference
+    of : the quantity whose error counts, one of `COMPARED`; default: transport if floes leave, drift if
         wind or water moves them, else velocity
     seeds : number of seeds, 1, 2, …
     duration : simulated time of each run [s]; default: the scene's, or what the budget allows
-    budget : minutes that all may take; the runs are made shorter to fit
-    to : NetCDF file to make, in place of an earlier result; finished runs are kept beside it
-    jobs : processes
+    budget : time for all runs together [min]; the runs are shortened to fit
+    to : NetCDF file to write, replacing an earlier result; finished runs are kept beside it
+    jobs : number of processes
 
     Raises
     ------
     InputError
-        for a scene or a number that cannot be right, forcing that does not reach to the end, where there is a file
-        that is no result, and where the runs kept beside it are of another scene, or of files that have changed since.
+        for an invalid scene or number, forcing that does not cover the run, an existing file that is not a result, and
+        finished runs of another scene, or of files that have changed since.
     """
     overrides = list(overrides)
     scene = read_scene(scene_file, overrides)
@@ -349,14 +349,14 @@ def tradeoff(
 
 
 def files_of(scene: Scene) -> dict[str, str]:
-    """What is in the files that a scene reads: where that is another, runs and results are another's."""
+    """Contents of the files that a scene reads; runs and results are valid only for the same contents."""
     return {name: contents(scene.file.parent / name) for name in scene.paths()}
 
 
 def _affordable(
     schedule: Schedule, built: Built, budget: float, settings: int, seeds: int, jobs: int | None
 ) -> float:
-    """The part of a scene's time [s] for which all runs fit into `budget` minutes; whole frames of it."""
+    """The duration [s], in whole frames of the scene, for which all runs fit into `budget` minutes."""
     model, begin = built.model, None
     drive = Forcing(model, built.ocean, built.atmosphere)
     for k in range(4):  # the first compiles
@@ -380,7 +380,7 @@ def _affordable(
 def _compare(
     done: ensemble.Ensemble, fine: str, error: float, of: str | None, usual: Sequence[str]
 ) -> tuple["xr.Dataset", str]:
-    """Costs and errors of all settings, and in words how they were compared."""
+    """Costs and errors of all settings, and a text on how they were compared."""
     import xarray as xr
 
     lost = [one for one in done.failures if one.point["setting"] in (fine, f"{fine} {NUDGED}")]
@@ -446,7 +446,7 @@ def _pointwise(one: "xr.DataArray", other: "xr.DataArray") -> "xr.DataArray":
 
 
 def _of_means(one: "xr.DataArray", other: "xr.DataArray") -> tuple[float, float]:
-    """‖mean of differences‖/‖mean‖ over time and seeds, and how far the seeds' spread lets it be known."""
+    """‖mean of differences‖/‖mean‖ over time and seeds, and its uncertainty from the spread among seeds."""
     other = other.mean("frame")
     difference = one.mean("frame") - other
     size = np.sqrt(float((other.mean("seed") ** 2).sum()))
@@ -457,7 +457,7 @@ def _of_means(one: "xr.DataArray", other: "xr.DataArray") -> tuple[float, float]
 
 
 def _acceptable(data: "xr.Dataset", error: float) -> "xr.DataArray":
-    """Settings whose error is no larger than asked for, or than the seeds can tell."""
+    """Settings whose error is not above the requested one, or not above its uncertainty."""
     here = data.sel(quantity=data.attrs["of"])
     return (here.error <= error) | (here.error <= here.noise)
 
@@ -465,7 +465,7 @@ def _acceptable(data: "xr.Dataset", error: float) -> "xr.DataArray":
 def _combined(
     dials: Mapping[str, Sequence[str]], data: "xr.Dataset", error: float
 ) -> Iterator[str]:
-    """The best of each dial together; then without the one that errs most, and so on."""
+    """The best setting of each option combined; then without the one with the largest error, and so on."""
     cost = data.cost_per_day / data.cost_per_day.sel(setting="")
     fine, best = _acceptable(data, error), {}
     for dial, texts in dials.items():
@@ -495,7 +495,7 @@ def recommended(data: "xr.Dataset", error: float) -> str | None:
 
 
 def setting_text(data: "xr.Dataset", setting: str) -> str:
-    """A setting as options, its error, and how well that is known."""
+    """A setting as command-line options, its error, and the uncertainty of the error."""
     of = data.attrs["of"]
     one = data.sel(setting=setting, quantity=of)
     told = " ".join(f"--set {change}" for change in setting.split()) or AS_IT_IS
@@ -508,7 +508,7 @@ def setting_text(data: "xr.Dataset", setting: str) -> str:
 
 
 def front(data: "xr.Dataset") -> list[str]:
-    """Settings that no other beats in both cost and error, the fastest first."""
+    """Pareto front: settings that no other beats in both cost and error, the fastest first."""
     errors, found, least = data.error.sel(quantity=data.attrs["of"]), [], np.inf
     for k in np.argsort(data.cost_per_day.values):
         if errors.values[k] < least and np.isfinite(data.cost_per_day.values[k]):
@@ -518,7 +518,7 @@ def front(data: "xr.Dataset") -> list[str]:
 
 
 def table(data: "xr.Dataset") -> str:
-    """Settings in the order of their cost, a line each."""
+    """Settings in order of cost, one line each."""
     names = [str(q) for q in data["quantity"].values]
     base = float(data.cost_per_day.sel(setting=""))
     on_front = front(data)
@@ -549,7 +549,7 @@ def _with_noise(one: "xr.Dataset") -> str:
 
 
 def figure(data: "xr.Dataset", title: str) -> "Figure":
-    """Error against cost of each setting, with the front."""
+    """Figure of error against cost of each setting, with the Pareto front."""
     of, on_front = data.attrs["of"], front(data)
     here = data.sel(quantity=of)
     here = here.isel(setting=np.argsort(here.cost_per_day.values))
@@ -594,7 +594,7 @@ def figure(data: "xr.Dataset", title: str) -> "Figure":
 
 
 def _draw_marks(ax: "Axes") -> None:
-    """A numbered ring for each dot: on it, or beside it where rings would lie over each other."""
+    """A numbered ring for each point: around it, or beside it where rings would overlap."""
     from matplotlib.transforms import ScaledTranslation
 
     figure = ax.figure
@@ -631,7 +631,7 @@ def _draw_marks(ax: "Axes") -> None:
 
 
 def stored(scene: Scene) -> Path:
-    """Where the result for a scene is looked for: beside it."""
+    """The path of the result for a scene, beside it."""
     return scene.file.with_suffix(SUFFIX)
 
 
@@ -640,7 +640,7 @@ def _hash(text: str) -> str:
 
 
 def result(scene: Scene) -> "xr.Dataset | None":
-    """The result that is stored beside a scene; None if there is none for its text, these overrides and its files as they are."""
+    """The result stored beside a scene; None if there is none for its text, these overrides and its current files."""
     path = stored(scene)
     data = read(path) if path.exists() else None
     return data if data is not None and _is_of(data, scene) and not _changed(data, scene) else None
@@ -651,18 +651,18 @@ def _is_of(data: "xr.Dataset", scene: Scene) -> bool:
 
 
 def _changed(data: "xr.Dataset", scene: Scene) -> list[str]:
-    """The files of a scene that are not what they were when a result was measured."""
+    """The files of a scene that have changed since a result was measured."""
     then = json.loads(data.attrs.get("files", "{}"))
     return [name for name, now in files_of(scene).items() if then.get(name) != now]
 
 
 def read(path: Path) -> "xr.Dataset":
-    """A result from its file.
+    """Read a result from its file.
 
     Raises
     ------
     InputError
-        if there is no such file, it is damaged, or is none of `floebmi tradeoff`.
+        if the file is missing, damaged, or not a result of `floebmi tradeoff`.
     """
     import xarray as xr
 
@@ -671,13 +671,13 @@ def read(path: Path) -> "xr.Dataset":
 
 
 def chosen(scene: Scene, accuracy: float) -> str:
-    """The setting that a stored result recommends for an accuracy.
+    """The setting that a stored result recommends for a given error.
 
     Raises
     ------
     InputError
-        if there is no result beside the scene, it is of another text of the scene, of other overrides or of files that
-        have changed since, or nothing is so accurate.
+        if there is no result beside the scene, if it is for another text of the scene, other overrides or files that
+        have changed since, or if no setting is that accurate.
     """
     path, data = stored(scene), result(scene)
     make = f"floebmi tradeoff {scene.file} --to {path}"

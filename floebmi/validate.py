@@ -1,11 +1,10 @@
-"""Is it stable at the extremes?  Cases that run the model through its public interface, and measure.
+"""Validation at the extremes: cases that run the model through its public interface and measure its behaviour.
 
-Only stale-neighbours reaches deeper: it makes a model forget its list.
+Only stale-neighbours uses more than the public interface: it makes a model discard its neighbour list.
 
-A case is one function that yields measures: what, how much, and the bound that it must keep.  The command
-`floebmi validate` and the tests run the same functions, so that there is one statement of each case; nothing
-here knows a verdict before it has measured.  Where a case claims stability or conservation it also measures a
-way that must fail, its negative control.
+A case is a function that yields measures: what was measured, its value, and the bound that it must satisfy.  The command
+`floebmi validate` and the tests run the same functions, so each case is defined once.  A case that claims stability or
+conservation also measures a negative control, a variant that must fail.
 
 The short form takes seconds; `long=True` goes further (more steps, more floes, wider ranges).
 """
@@ -51,7 +50,7 @@ PERIODIC = ("periodic",) * 4
 
 
 class Measure(NamedTuple):
-    """A number that was measured, and the bound that it must keep; without a relation it is only told."""
+    """A measured number, and the bound that it must satisfy; without a relation it is only reported."""
 
     what: str
     value: float
@@ -73,7 +72,7 @@ class Measure(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One extreme: its number and short name, what it is, where its mark comes from, what measures it."""
+    """A validation case: number, short name, title, source of its pass mark, and the function that measures."""
 
     number: int
     name: str
@@ -82,7 +81,7 @@ class Case:
     measure: Callable[[bool], Iterator[Measure]]
 
     def run(self, long: bool = False) -> list[Measure]:
-        """Measure; a case that stops before its end has failed, and says why."""
+        """Measure; a case that stops before its end counts as failed, with the reason."""
         measures: list[Measure] = []
         try:
             measures.extend(self.measure(long))
@@ -104,12 +103,12 @@ def _case(number: int, name: str, source: str) -> Callable:
 
 
 def find(names: Sequence[str]) -> list[Case]:
-    """Cases by short names or numbers, all of them for none.
+    """Cases with these short names or numbers; all cases if none are given.
 
     Raises
     ------
     InputError
-        for a name that no case has; names the nearest.
+        for a name that no case has; the message suggests the nearest.
     """
     by_number = {str(case.number): case for case in CASES.values()}
     cases = []
@@ -141,7 +140,7 @@ def table(results: dict[str, list[Measure]]) -> str:
 
 
 def save(results: dict[str, list[Measure]], path: str | Path) -> None:
-    """Write the measures of some cases as JSON, with what made them and when."""
+    """Write the measures of some cases as JSON, with the version and the time."""
     cases = {
         name: {
             "number": CASES[name].number,
@@ -169,7 +168,7 @@ def save(results: dict[str, list[Measure]], path: str | Path) -> None:
 
 
 def hexagonal_pack(n: int, contact: Contact, step: Step = Step(), speed: float = 1e-5) -> Model:
-    """n × n equal floes of 1 m, pressed together by a thousandth, with small random velocities."""
+    """n × n equal floes with a radius of 1 m, compressed by a thousandth, with small random velocities."""
     squeeze = 0.999
     x, y = np.meshgrid(np.arange(n) * 2.0, np.arange(n) * np.sqrt(3.0))
     x[1::2] += 1.0
@@ -181,7 +180,7 @@ def hexagonal_pack(n: int, contact: Contact, step: Step = Step(), speed: float =
 
 
 def kinetic_energy(floes: Floes) -> float:
-    """Of motion and spin [J]."""
+    """Kinetic energy of translation and rotation [J]."""
     mass = floes.mass(DENSITY)
     energy = (mass * (floes.u**2 + floes.v**2)).sum()
     if floes.rotation:
@@ -198,7 +197,7 @@ def _angular_momentum(floes: Floes) -> float:
 
 
 def growth(model: Model, steps: int) -> float:
-    """Kinetic energy after some steps over that before; inf where the run was stopped."""
+    """Kinetic energy after some steps over that before; inf if the run was stopped."""
     before = kinetic_energy(model.floes)
     try:
         model.advance(steps * model.longest_step())
@@ -208,7 +207,7 @@ def growth(model: Model, steps: int) -> float:
 
 
 def _refusal(attempt: Callable[[], object], *says: str) -> float:
-    """1 if what cannot be right is refused in one line that says all of `says`, else 0."""
+    """1 if `attempt` is refused with a one-line message that contains all of `says`, else 0."""
     try:
         attempt()
     except InputError as error:
@@ -230,7 +229,7 @@ def _same_bits(one: Model, other: Model) -> float:
 
 @_case(1, "dense-pack", f"{PAPER}, section 2.4")
 def _dense_pack(long: bool) -> Iterator[Measure]:
-    """Undamped dense pack, long run: no scheme may feed it energy."""
+    """Undamped dense pack, long run: the scheme must not add energy."""
     steps = 400_000 if long else 40_000
     energy, highest = hexagonal_pack(8, Contact()), 0.0
     before = kinetic_energy(energy.floes)
@@ -244,7 +243,7 @@ def _dense_pack(long: bool) -> Iterator[Measure]:
 
 @_case(2, "sticking-pack", "docs/theory.md, eq. stable-step")
 def _sticking_pack(long: bool) -> Iterator[Measure]:
-    """Packs with and without sticking and rotation: the predicted limit of the step is the onset of growth."""
+    """Packs with and without sticking and rotation: instability sets in at the predicted limit of the time step."""
     steps = 100_000 if long else 10_000
     for name, friction in (("without friction", None), ("sticking", Coulomb(1e3))):
         law = Contact(friction=friction)
@@ -256,7 +255,7 @@ def _sticking_pack(long: bool) -> Iterator[Measure]:
 
 
 def _meeting(contact: Contact, ratio: float, step: Step = Step()) -> Model:
-    """Two floes of a mass ratio that are about to meet at 0.1 m/s."""
+    """Two floes of a given mass ratio, about to collide at 0.1 m/s."""
     radius = np.array([10.0, 10.0 * np.sqrt(ratio)])
     floes = Floes([0.0, radius.sum() + 0.02], 0.0, radius, 1.0, u=[0.1, 0.0])
     reach = 10 * radius.sum()
@@ -271,7 +270,7 @@ def _rebound(contact: Contact, ratio: float, step: Step = Step()) -> float:
 
 
 def _pull(contact: Contact, ratio: float) -> float:
-    """The largest force between the two that would hold them together [N]."""
+    """The largest attractive force between the two floes [N]."""
     model, pull = _meeting(contact, ratio), 0.0
     for _ in range(60):
         model.advance(0.05)
@@ -282,7 +281,7 @@ def _pull(contact: Contact, ratio: float) -> float:
 
 @_case(3, "dashpots", "Schwager & Pöschel 2007, doi:10.1007/s10035-007-0065-z")
 def _dashpots(long: bool) -> Iterator[Measure]:
-    """Restitution for mass ratios of 1 to 10 000: met, and without a pull at the end."""
+    """Restitution for mass ratios of 1 to 10 000: as prescribed, without attraction at the end."""
     wanted = (0.1, 0.3, 0.5, 0.7, 0.9) if long else (0.1, 0.5, 0.9)
     ratios = (1.0, 10.0, 100.0, 1e3, 1e4) if long else (1.0, 1e2, 1e4)
     error = finer = pull = classic = 0.0
@@ -301,10 +300,10 @@ def _dashpots(long: bool) -> Iterator[Measure]:
 
 
 class _Errors(NamedTuple):
-    """Largest relative errors over some collisions, each met at another phase of the step.
+    """Largest relative errors over some collisions, each of which begins at another phase of the time step.
 
-    momentum, energy : of all that there is; angular : over the angular momentum that was exchanged;
-    impact : the energy error over the energy of the impact, ½ m_ij Δv², the strictest scale
+    momentum, energy : relative to the totals; angular : relative to the angular momentum that was exchanged;
+    impact : the energy error relative to the energy of the impact, ½ m_ij Δv², the strictest scale
     """
 
     momentum: float
@@ -314,7 +313,7 @@ class _Errors(NamedTuple):
 
 
 def _collide(law: Contact, fraction: float | None, phases: int) -> _Errors:
-    """A floe of 1 m meets one of 1 km, aslant."""
+    """A floe of 1 m collides obliquely with one of 1 km."""
     worst, box = np.zeros(4), Domain((-1e4, 1e4), (-1e4, 1e4))
     for gap in np.linspace(0.01, 0.05, phases):
         away = 1001.0 + gap
@@ -338,7 +337,7 @@ def _collide(law: Contact, fraction: float | None, phases: int) -> _Errors:
 
 @_case(4, "size-ratio", "conservation laws; docs/theory.md, eq. part-of-a-step")
 def _size_ratio(long: bool) -> Iterator[Measure]:
-    """A size ratio of 1000 in one collision, aslant: momentum, angular momentum, energy."""
+    """A size ratio of 1000 in an oblique collision: momentum, angular momentum, energy."""
     phases = 24 if long else 6
     elastic, rough = Contact(), frictional()
     for name, law in (("elastic", elastic), ("frictional", rough)):
@@ -355,7 +354,7 @@ def _size_ratio(long: bool) -> Iterator[Measure]:
 
 @_case(5, "drag-overshoot", f"{PAPER}, Eq. 12; exact solution Δu/(1 + K|Δu|t)")
 def _drag_overshoot(long: bool) -> Iterator[Measure]:
-    """A floe of 1 m in a current of 2 m/s, steps up to an hour: no overshoot, the right end, a closed impulse."""
+    """A floe of 1 m in a current of 2 m/s, steps up to an hour: no overshoot, correct terminal speed, closed impulse."""
 
     def reached(duration: float, step: Step = Step()) -> tuple[float, float]:
         floes = Floes(50.0, 50.0, 1.0, 1.0)
@@ -392,7 +391,7 @@ def _drag_overshoot(long: bool) -> Iterator[Measure]:
 
 @_case(6, "sizes-and-thicknesses", "conservation of mass")
 def _sizes_and_thicknesses(long: bool) -> Iterator[Measure]:
-    """Radii of 0.1 m to 100 km, thicknesses of 1 µm to 10 m, in pairs that touch, in wind and current."""
+    """Touching pairs with radii of 0.1 m to 100 km and thicknesses of 1 µm to 10 m, in wind and current."""
     radius = np.repeat(np.geomspace(0.1, 1e5, 7), 8)
     thickness = np.tile(np.geomspace(1e-6, 10.0, 8), 7)
     x = np.cumsum(2 * radius) - radius
@@ -440,7 +439,7 @@ def _sizes_and_thicknesses(long: bool) -> Iterator[Measure]:
 
 @_case(7, "overlap-at-the-start", "½kδ² that nobody put in")
 def _overlap_at_the_start(long: bool) -> Iterator[Measure]:
-    """Random places, overlaps of half a radius and more: refused, and after `relax` quiet."""
+    """Random places, overlaps of half a radius and more: refused, and at rest after `relax`."""
     n = 2000 if long else 200
     side = float(np.sqrt(n * np.pi / 0.6))
     domain, rng = Domain((0.0, side), (0.0, side), *PERIODIC), np.random.default_rng(2)
@@ -462,10 +461,10 @@ def _overlap_at_the_start(long: bool) -> Iterator[Measure]:
 
 
 class _Chain(NamedTuple):
-    """A chain that was pulled apart.
+    """Result of pulling a chain apart.
 
-    strength : largest force before a bond broke over that of the weak link
-    residual : of the energy, the largest from the break on, over the work of the pull
+    strength : largest force before a bond broke, over the strength of the weak link
+    residual : largest energy residual from the break on, over the work of the pull
     """
 
     model: Model
@@ -474,7 +473,7 @@ class _Chain(NamedTuple):
 
 
 def _chain(step: Step, order: np.ndarray | None = None) -> _Chain:
-    """A chain of 10 floes with one weak link, pulled at 1 cm/s until it breaks, and 20 s longer."""
+    """A chain of 10 floes with one weak link, pulled at 1 cm/s until it breaks, and for 20 s more."""
     n = 10
     x, u = 20.0 * np.arange(n) * (1 - 1e-7), np.linspace(0, 1e-2, n)
     thickness, motion = np.ones(n), np.zeros(n, int)
@@ -495,7 +494,7 @@ def _chain(step: Step, order: np.ndarray | None = None) -> _Chain:
 
 
 def _torn_pair(fraction: float) -> float:
-    """A floe that tears itself off a fixed one: energy residual over what it had."""
+    """A floe that tears itself off a fixed one: energy residual over its initial energy."""
     floes = Floes([0.0, 20.0], 0.0, 10.0, 1.0, u=[0.0, 4.0], motion=[FIXED, 0])
     floes.x[1] -= 1e-6
     box = Domain((-500.0, 500.0), (-500.0, 500.0))
@@ -507,7 +506,7 @@ def _torn_pair(fraction: float) -> float:
 
 @_case(8, "bond-break", f"{PAPER}, Eq. 11; docs/theory.md, eq. broken-bond")
 def _bond_break(long: bool) -> Iterator[Measure]:
-    """A chain pulled apart: its strength, its energy, and no dependence on the order of floes."""
+    """A chain pulled apart: its strength, its energy, and independence of the order of floes."""
     whole = _chain(Step())
     model = whole.model
     strength = abs(whole.strength - 1.0)
@@ -536,7 +535,7 @@ def _bond_break(long: bool) -> Iterator[Measure]:
 
 @_case(9, "far-from-the-origin", "double precision: 9e-10 m at 4e6 m; single: 0.25 m")
 def _far_from_the_origin(long: bool) -> Iterator[Measure]:
-    """A scene of colliding floes moved by 4000 km goes the same way."""
+    """A scene of colliding floes, shifted by 4000 km, evolves in the same way."""
 
     def places(shift: float, single: bool = False) -> np.ndarray:
         rng = np.random.default_rng(0)
@@ -566,7 +565,7 @@ def _far_from_the_origin(long: bool) -> Iterator[Measure]:
 
 @_case(10, "periodic-seam", "translation invariance")
 def _periodic_seam(long: bool) -> Iterator[Measure]:
-    """A bonded, turning pair across a seam for 100 000 steps moves as the same pair inside."""
+    """A bonded, rotating pair across a periodic edge moves for 100 000 steps as the same pair inside."""
     law = Contact(friction=Coulomb(), bonds=TensileStrength(500e3))
     step, times = 2.5e-3, 10 if long else 1
 
@@ -598,7 +597,7 @@ def _periodic_seam(long: bool) -> Iterator[Measure]:
 
 @_case(11, "high-stress", f"{PAPER}, section 2.5: walls")
 def _high_stress(long: bool) -> Iterator[Measure]:
-    """A pack under 1 MPa: the wall's stress is met, and no floe passes another's centre."""
+    """A pack under 1 MPa: the stress balances the wall's load, and no floe passes another's centre."""
     domain = Domain((0.0, 40.0), (0.0, 40.0), "periodic", "periodic", "closed", "closed")
     worst = passed = 0.0
     for stress in (1e4, 1e5, 1e6) if long else (1e6,):
@@ -620,7 +619,7 @@ def _high_stress(long: bool) -> Iterator[Measure]:
 
 @_case(12, "fast-collisions", "no tunnelling")
 def _fast_collisions(long: bool) -> Iterator[Measure]:
-    """Floes that meet at 100 m/s, of any stiffness: resolved or refused, never passed through."""
+    """Floes of any stiffness that collide at 100 m/s: resolved or refused, and never passing through each other."""
     box, rng = Domain((-500.0, 500.0), (-500.0, 500.0)), np.random.default_rng(0)
     through = refused = resolved = 0
     for modulus in np.geomspace(1e4, 1e9, 16) if long else (1e5, 2e6, 4e6, 2e7, 1e9):
@@ -642,7 +641,7 @@ def _fast_collisions(long: bool) -> Iterator[Measure]:
 
 @_case(13, "stale-neighbours", "a list made anew at every step")
 def _stale_neighbours(long: bool) -> Iterator[Measure]:
-    """A fast floe through many slow ones: the same way whether lists are kept or made at each step."""
+    """A fast floe among many slow ones: the same motion whether neighbour lists are kept or rebuilt at each step."""
     across = 100 if long else 30
     k = np.arange(across * across)
     x, y = 2.5 * (k % across) + 10.0, 2.5 * (k // across)
@@ -678,7 +677,7 @@ def _stale_neighbours(long: bool) -> Iterator[Measure]:
 
 @_case(14, "host-calls", "docs/couple.md")
 def _host_calls(long: bool) -> Iterator[Measure]:
-    """Any split of an interval by the host: the same impulse, and the same split the same bits."""
+    """Any division of an interval by the host gives the same impulse; the same division gives the same bits."""
 
     def after(split: list[float], step: Step = Step()) -> Model:
         floes = Floes(
@@ -728,7 +727,7 @@ def _host_calls(long: bool) -> Iterator[Measure]:
 
 
 def _lagged(exchange: float, layer: float, implicit: bool, told: bool = False) -> tuple[float, int]:
-    """A slab of water, 0.5 m/s, under ice that cannot move: speed after 40 exchanges over the first; warnings."""
+    """Slab of water at 0.5 m/s under immobile ice: its speed after 40 exchanges over the first; warnings."""
     domain = Domain((0.0, 100.0), (0.0, 100.0))
     floes = Floes(50.0, 50.0, 45.0, 1.0, motion=FIXED)
     model = Model(domain, floes, forces=[OceanDrag(1000.0, 0.0, 5.5e-3)])
@@ -754,7 +753,7 @@ def _lagged(exchange: float, layer: float, implicit: bool, told: bool = False) -
 
 @_case(15, "lagged-ocean", "docs/theory.md, eq. lagged-stress")
 def _lagged_ocean(long: bool) -> Iterator[Measure]:
-    """A host that uses the last stress under ice that cannot move."""
+    """A host that applies the previous stress, under ice that cannot move."""
     coefficient = 5.5e-3 * np.pi * 45.0**2 / 100.0**2  # c C_d
     layer = 1.0
     bound = 2.0 * layer / (coefficient * 0.5)  # exchange at which Δt c C_d |Δu|/Δz = 2
@@ -775,7 +774,7 @@ def _lagged_ocean(long: bool) -> Iterator[Measure]:
 
 @_case(16, "area-budget", "docs/theory.md, eq. area-budget")
 def _area_budget(long: bool) -> Iterator[Measure]:
-    """Empty cells, cells covered more than once, rows of land: no area is lost, for every mask."""
+    """Empty cells, cells covered more than once, rows of land: area is conserved for every mask."""
     domain, rng = Domain((0.0, 1000.0), (0.0, 1000.0)), np.random.default_rng(5)
     n, cells = (4000, 40) if long else (400, 12)
     floes = Floes(*rng.uniform(-20.0, 1020.0, (2, n)), rng.uniform(1.0, 60.0, n), 1.0)
@@ -800,7 +799,7 @@ def _area_budget(long: bool) -> Iterator[Measure]:
 
 @_case(17, "bad-forcing", "docs/couple.md: NaN is refused")
 def _bad_forcing(long: bool) -> Iterator[Measure]:
-    """NaN on a wet cell is refused, and a wind that jumps from 0 to 40 m/s is survived."""
+    """NaN on a wet cell is refused, and a wind that jumps from 0 to 40 m/s causes no instability."""
     domain = Domain((0.0, 40.0), (0.0, 40.0))
     floes = scatter(domain, UniformSize(0.7, 1.0), concentration=0.5, seed=1)
     wet = np.arange(16) != 3
@@ -828,9 +827,9 @@ def _bad_forcing(long: bool) -> Iterator[Measure]:
 
 
 def _busy(seconds: float, state: dict | None = None) -> Model:
-    """Friction, bonds, a closed edge, current, wind and rotation, floes that leave and come at random; run for a while.
+    """Friction, bonds, a closed edge, current, wind and rotation, outflow and random inflow of floes; run for a while.
 
-    state : to go on from, of the same scene
+    state : restart of the same scene to continue from
     """
     domain = Domain((0.0, 30.0), (0.0, 30.0), "inactive", "inactive", "closed", "inactive")
     floes = scatter(domain, UniformSize(0.7, 1.0), concentration=0.6, seed=1)
@@ -850,7 +849,7 @@ def _busy(seconds: float, state: dict | None = None) -> Model:
 
 @_case(18, "restart", "bit for bit")
 def _restart(long: bool) -> Iterator[Measure]:
-    """2N steps are N, a restart file, and N: in mid-contact, with bonds and a random inflow."""
+    """2N steps equal N steps, a restart, and N steps, in the middle of contacts, with bonds and a random inflow."""
     duration = 20.0 if long else 4.0
     whole = _busy(duration)
     with tempfile.TemporaryDirectory() as folder:
@@ -869,7 +868,7 @@ def _restart(long: bool) -> Iterator[Measure]:
 
 
 def _large(steps: int, threads: int) -> Model:
-    """60 000 floes in a dense lattice, struck at random: enough for chunks."""
+    """60 000 floes in a dense lattice with random velocities: enough to use several threads."""
     side = 20.0 * 245
     domain = Domain((0.0, side), (0.0, side), *PERIODIC)
     floes = regular(domain, 9.99, spacing=20.0, lattice="square")
@@ -893,7 +892,7 @@ def _threads(long: bool) -> Iterator[Measure]:
 
 
 class _Sheared(NamedTuple):
-    """Of a sheared pack: τ/N, the inertia number I, and the mean overlap over the smaller radius."""
+    """Result for a sheared pack: τ/N, the inertia number I, and the mean overlap over the smaller radius."""
 
     friction: float
     inertia_number: float
@@ -901,7 +900,7 @@ class _Sheared(NamedTuple):
 
 
 def _sheared(youngs_modulus: float, seed: int, strain: float) -> _Sheared:
-    """A small pack, radii of 5 to 10 m, between held floes and driven ones under 20 kPa."""
+    """A small pack, radii of 5 to 10 m, between fixed and driven floes under 20 kPa."""
     stress, speed, side = 20e3, 0.3, 150.0
     sides = "periodic", "periodic", "closed"
     loose = Domain((0.0, side), (0.0, side), *sides, "closed")
@@ -933,7 +932,7 @@ def _sheared(youngs_modulus: float, seed: int, strain: float) -> _Sheared:
 
 @_case(20, "softened-modulus", f"{PAPER}, Eq. 3")
 def _softened_modulus(long: bool) -> Iterator[Measure]:
-    """A softer E, for a longer step: where a sheared pack under 20 kPa stops to depend on it."""
+    """A smaller E, for a longer time step: above which E a sheared pack under 20 kPa no longer depends on it."""
     moduli = (2e6, 2e7, 2e8, 2e9) if long else (2e6, 2e7)
     seeds, strain = (4, 1.2) if long else (1, 0.6)
     packs = {}
@@ -952,7 +951,7 @@ def _softened_modulus(long: bool) -> Iterator[Measure]:
 
 @_case(21, "fast-spin", f"{PAPER}, Eq. 14; exact solution ω/(1 + K|ω|t)")
 def _fast_spin(long: bool) -> Iterator[Measure]:
-    """A floe that spins at 10 rad/s in still water, at 100 times the step: a monotone decay."""
+    """A floe that spins at 10 rad/s in still water, with 100 times the usual time step: monotonic decay."""
 
     def spins(scheme: Literal["verlet", "taylor2"]) -> tuple[np.ndarray, np.ndarray]:
         floes = Floes(0.0, 0.0, 10.0, 1.0, rotation=True, angular_velocity=10.0)
@@ -989,7 +988,7 @@ def _fast_spin(long: bool) -> Iterator[Measure]:
 
 @_case(22, "few-and-many", "valid files")
 def _few_and_many(long: bool) -> Iterator[Measure]:
-    """No floe, one, two, all fixed, and very many: they run, and their files can be read."""
+    """No floe, one, two, all fixed, and very many: the runs work, and their files can be read."""
     with tempfile.TemporaryDirectory() as folder:
         many = 1_000_000 if long else 20_000
         for name, n in (("0", 0), ("1", 1), ("2", 2), ("all fixed", 9), ("many", many)):

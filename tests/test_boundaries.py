@@ -430,8 +430,14 @@ def test_a_domain_that_cannot_be_is_refused(make, word):
         (dict(sampling="exact"), "sampling"),
         (dict(walls=[Wall("west", position=np.nan)]), "Wall.position"),
         (dict(walls=[Wall("west", normal_stress=1e3, mass=-1.0)]), "Wall.mass"),
-        (dict(walls=[Wall("west", mass=1e6)]), "wall.mass = 1000000.0: is of a loaded wall"),
-        (dict(walls=[Wall("west", damping=0.5)]), "wall.damping = 0.5: is of a loaded wall"),
+        (
+            dict(walls=[Wall("west", mass=1e6)]),
+            "wall.mass = 1000000.0: applies only to a loaded wall",
+        ),
+        (
+            dict(walls=[Wall("west", damping=0.5)]),
+            "wall.damping = 0.5: applies only to a loaded wall",
+        ),
         (dict(walls=[Wall("west", position=50.0)]), "by 1 m over the wall in the west, at 50 m"),
         (
             dict(walls=[Wall("west", position=-1.0)]),

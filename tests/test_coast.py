@@ -314,7 +314,7 @@ def test_geojson_in_degrees_needs_a_projection(tmp_path):
 
 def test_geojson_in_metres_is_refused_where_a_projection_is_given(tmp_path):
     isle = {"type": "Polygon", "coordinates": [[[3e3, 0], [4e3, 0], [4e3, 1e3], [3e3, 0]]]}
-    with pytest.raises(InputError, match="feature 0: 3000, 0 are no longitude and latitude"):
+    with pytest.raises(InputError, match="feature 0: 3000, 0 are not longitude and latitude"):
         from_geojson(geojson(tmp_path, isle), radius=100.0, projection="EPSG:3413")
 
 

@@ -171,7 +171,7 @@ def test_a_parameter_of_several_numbers_is_the_same_when_it_is_read_again(tmp_pa
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.txt").write_text("years")
-    with pytest.raises(InputError, match="no folder of an ensemble"):
+    with pytest.raises(InputError, match="not the folder of an ensemble"):
         ensemble.run(member, {}, SWEEP, (1,), tmp_path, jobs=1)
 
 

@@ -68,7 +68,7 @@ class Kilometres(np.ndarray):
             {"motion": [0, 15], "u": 0.1},
             "floe 1: u = 0.1 m/s: a piece of coast stands still; must be 0",
         ),
-        ({"y": [0.0, 1.0, 2.0]}, "different numbers of values (x 2, y 3); must be as many"),
+        ({"y": [0.0, 1.0, 2.0]}, "different numbers of values (x 2, y 3); must be the same"),
         ({"u": [[0.0]]}, "u has shape (1, 1)"),
         ({"u": "fast"}, "u = 'fast': must be a number"),
         ({"u": np.array(["1", 2.0], object)}, "u = array(['1', 2.0], dtype=object): must be"),
@@ -86,7 +86,7 @@ def test_a_wrong_value_is_refused_with_its_floe_and_what_would_be_right(given, s
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
-        ("u", [1.0, 2.0], r"u has shape \(2,\): must be one number or 3 values, one a floe"),
+        ("u", [1.0, 2.0], r"u has shape \(2,\): must be one number or 3 values, one per floe"),
         ("x", [[1.0, 2.0, 3.0]], r"x has shape \(1, 3\): must be a number or a row"),
         ("motion", [1, 2], r"motion has shape \(2,\): must be one number or 3 values"),
         ("v", "fast", "v = 'fast': must be a number"),

@@ -464,7 +464,7 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
         (lambda: SeaIceFloes(grid(), scene="two-floes", edges="closed"), "edges is given beside a scene"),
         (lambda: SeaIceFloes(grid(), scene="two-floes", sizes=(1.0, 2.0)), "sizes is given beside a scene"),
         (lambda: SeaIceFloes(grid(), scene="two-floes", seed=1), "seed is given beside a scene"),
-        (lambda: SeaIceFloes(grid(), scene="two-floes", thickness=2.0), "thickness = 2.0 is of floes that a concentration"),
+        (lambda: SeaIceFloes(grid(), scene="two-floes", thickness=2.0), "thickness = 2.0 applies to floes made from a concentration"),
         (lambda: SeaIceFloes(grid(), floes=floes, sizes=(1.0, 2.0)), "sizes is given beside floes"),
         (lambda: SeaIceFloes(grid(), floes=floes, domain=box, edges="closed"), "edges is given beside a domain"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=(1.0, 2.0, 3.0)), "sizes"),
@@ -633,7 +633,7 @@ def test_a_failed_step_is_one_line_leaves_all_as_it_was_and_saves_the_state(tmp_
 
     for spoil, mend, dt, text in (
         (nan, mended, 60.0, f"{U}: nan at node 33 at t = 60 s: must be finite"),
-        (closed, opened, 60.0, "boundary status of the grid are not what they were"),
+        (closed, opened, 60.0, "boundary status of the grid have changed"),
         (lambda: None, lambda: None, -60.0, "dt = -60.0: must be a number of seconds"),
         (lambda: None, lambda: None, np.nan, "dt = nan: must be a number of seconds"),
         (lambda: None, lambda: None, "60", "dt = '60': must be a number of seconds"),

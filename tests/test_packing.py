@@ -163,7 +163,7 @@ def test_any_number_of_floes_is_laid_without_overlap(count, ratio, concentration
         ({"count": 3}, "give either concentration or count"),
         ({"concentration": 1.2}, "concentration = 1.2; must be between 0 and 1"),
         ({"concentration": 0.97}, "about 0.85 can be packed"),
-        ({"concentration": 0.92}, "find no room of their own"),
+        ({"concentration": 0.92}, "floes find no room"),
         ({"concentration": None, "count": -1}, "count = -1; must be a whole number"),
         (
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},

@@ -108,7 +108,7 @@ def test_coordinates_are_of_the_same_places_and_what_is_masked_or_beyond_the_pol
     for function in (to_plane, to_lonlat, east_in_plane):
         one = np.array(function(NORTH, 10.0, lat))
         np.testing.assert_array_equal(one, function(NORTH, [10.0, 10.0], lat))
-        with pytest.raises(InputError, match=r"\(3,\) and .* \(2,\): must be of the same places"):
+        with pytest.raises(InputError, match=r"\(3,\) and .* \(2,\): must have shapes that match"):
             function(NORTH, [0.0, 1.0, 2.0], lat)
         masked = np.array(function(NORTH, np.ma.masked_greater([0.0, 99.0], 50.0), lat))
         assert np.isnan(masked[..., 1]).all() and np.isfinite(masked[..., 0]).all()

@@ -149,9 +149,9 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ("[[walls]]\nposition = 3", "[walls] edge is missing"),
         ("x = ", "not valid TOML: Invalid value (at line 4, column 5)"),
         ("[time]\n[time]", "not valid TOML: Cannot declare"),
-        ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: of the floe [m]"),
+        ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: radius of the floe [m]"),
         ("[ocean]\nvelocity = [1, 2]\nfile = 'a'", "[ocean] velocity and file exclude each other"),
-        ("[ocean]\nvariables = ['uo', 'vo']", "[ocean] variables is about a file"),
+        ("[ocean]\nvariables = ['uo', 'vo']", "[ocean] variables applies to a file"),
         ("[ocean]\nfile = 'no.nc'", "no.nc"),
         ("[coriolis]", "[coriolis] give either parameter or latitude"),
         ("[contact]\nmodel = 'frictional'\nfriction = -1", "[contact] friction = -1: must be at least 0"),
@@ -815,7 +815,7 @@ def test_a_thickness_without_units_has_those_of_the_scene(write, sea, tmp_path):
     floes = read_scene(write(ice + "units = 'cm'\n")).build().model.floes
     assert floes.thickness.max() == pytest.approx(0.01)
     text = refused(write(ice + "units = 'cm'\nthickness = 1.5\n"))
-    assert "units is about a thickness in the file, not about thickness = 1.5 of all floes" in text
+    assert "units applies to a thickness in the file, not to thickness = 1.5 of all floes" in text
     data.aice.attrs["units"] = "tenths"
     data.to_netcdf(tmp_path / "odd.nc")
     text = refused(write(ice.replace("bare.nc", "odd.nc")))
@@ -862,7 +862,7 @@ def test_keys_about_a_file_of_land_do_not_stand_beside_polygons(write):
     path = write(
         "[domain]\nx = [0, 1]\ny = [0, 1]\n[coast]\ngeojson = 'a'\nradius = 1\nposition = 'lonlat'\n"
     )
-    assert "[coast] position is about a file, not about geojson" in refused(path)
+    assert "[coast] position applies to file, not to geojson" in refused(path)
 
 
 @pytest.mark.parametrize("axes", [("time",), ("time", "lat", "lon")])

@@ -114,11 +114,11 @@ def test_any_power_law_gives_finite_radii_within_its_bounds(low, ratio, exponent
         (Histogram((1.0, 2.0), (1.0, 2.0)), "2 edges and 2 counts; one edge more is needed"),
         (
             Histogram((2.0, 1.0), (1.0,)),
-            "Histogram.edges[1] = 1 m; must be greater than 0, and rise",
+            "Histogram.edges[1] = 1 m; must be greater than 0, and increase",
         ),
         (
             Histogram((0.0, 1.0), (1.0,)),
-            "Histogram.edges[0] = 0 m; must be greater than 0, and rise",
+            "Histogram.edges[0] = 0 m; must be greater than 0, and increase",
         ),
         (Histogram((1.0, 2.0), (0.0,)), "Histogram.counts[0] = 0; at least 0 each, not all 0"),
         (Empirical((1.0, -2.0)), "Empirical.radii[1] = -2 m; must be greater than 0"),
@@ -172,7 +172,10 @@ def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
         ("10\n20\n", "row 1 = '10'; must be a header"),
         ("radius\n-1\n", "radii[0] = -1 m; must be greater than 0"),
         ("edge,count\n10,3\n20,1\n", "row 3, column 'count': 1 must be 0 or empty"),
-        ("edge,count\n10,3\n5,\n", "Histogram.edges[1] = 5 m; must be greater than 0, and rise"),
+        (
+            "edge,count\n10,3\n5,\n",
+            "Histogram.edges[1] = 5 m; must be greater than 0, and increase",
+        ),
         ("\nedge,count\n\n10,3\n20,1\n", "row 5, column 'count': 1 must be 0 or empty"),
         ("edge,count\n10,3,4\n20,\n", "row 2 has 3 values; must be 2"),
         ("a,b,c\n1,2,3\n", "3 columns"),
@@ -182,7 +185,10 @@ def test_a_file_of_one_column_holds_radii_and_of_two_a_histogram(tmp_path):
         ("radius [km]\n10\n", "must be radii in metres"),
         ("edge_km,count\n10,3\n20,\n", "must be radii in metres"),
         ("id,radius\n1,10\n2,0\n", "column 'radius': must be counts"),
-        ("edge;count\n10;3\n20;\n", "its columns are parted by ';'; must be by commas"),
+        (
+            "edge;count\n10;3\n20;\n",
+            "its columns are separated by ';'; must be separated by commas",
+        ),
         ("", "empty"),
     ],
 )

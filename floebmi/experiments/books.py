@@ -20,7 +20,7 @@ COORDINATES = {
 
 
 def books(model: Model, accounts: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """A row for the start, each account, now, and the residual; accounts that were not used are 0."""
+    """The ledger as an array: rows for the start, each account, now, and the residual; unused accounts are 0."""
     ledger, none = model.ledger, np.zeros(4)
     balances = ledger.balances
     rows = [ledger.start, *(ledger.accounts.get(name, none) for name in accounts), ledger.now]

@@ -1,6 +1,6 @@
-"""From a table of values to a file: check, run the members, fit, save.
+"""Parameter sweeps of an experiment: check the values, run the members, fit, save.
 
-Each parameter has one value or several; those with several are swept, and become dimensions of the result.
+A parameter has one value or several; those with several are swept, and become dimensions of the result.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ TIMES = ("duration", "hours", "interval")  # parameters that set the coordinate 
 
 
 class Made(NamedTuple):
-    """What came out: the data set, files, members that failed, and the result in words."""
+    """The result: data set, files, members that failed, and a summary as text."""
 
     data: "xr.Dataset"
     files: list[Path]
@@ -35,7 +35,7 @@ class Made(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The result in a few lines."""
+        """A summary of the result in a few lines."""
         return _told_shear(self.data) if "shear_stress" in self.data else _told_strait(self.data)
 
 
@@ -49,14 +49,14 @@ def run(
     on: "Executor | distributed.Client | None" = None,
     progress: bool = False,
 ) -> Made:
-    """Run an experiment at all values and seeds, fit, and save it as NetCDF.
+    """Run an experiment for all combinations of values and seeds, fit, and save the result as NetCDF.
 
     Parameters
     ----------
     kind : `Shear` or `Strait`
-    values : one or more values of a parameter; those not named have the values of the table
-    seeds : whole numbers
-    path : file to make; finished members are kept beside it, in `path`.members, and not run again
+    values : one or more values for each named parameter; the others have the values of the table
+    seeds : seeds of the random numbers, integers
+    path : file to write; finished members are kept beside it, in `path`.members, and not run again
     jobs, on, progress : see `ensemble.run`
 
     Returns
@@ -66,7 +66,7 @@ def run(
     Raises
     ------
     InputError
-        before anything runs, for a value that cannot be right or a place that is taken.
+        before anything runs, for an invalid value or a path that is already in use.
     """
     path = path_of("path", path)
     members = path.with_name(f"{path.name}.members")
@@ -81,7 +81,9 @@ def run(
         if name not in table:
             make(kind, {name: None})  # says what is allowed
         if len(set(several)) < len(several) or not several:
-            raise InputError(f"{kind.__name__}.{name} = {several}: each value once, at least one")
+            raise InputError(
+                f"{kind.__name__}.{name} = {several}: must be one or more different values"
+            )
         if name in TIMES and len(several) > 1:
             raise InputError(
                 f"{kind.__name__}.{name} = {several}: must be one value, since all members of a file share its times"

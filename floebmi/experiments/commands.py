@@ -1,4 +1,4 @@
-"""The commands `floebmi experiment …`: an option for each parameter, and what an ensemble of members asks for."""
+"""The commands `floebmi experiment …`, with an option for each parameter and those of an ensemble."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ from floebmi.one_line import PATH, Group, fail
 
 
 class _Several(click.ParamType):
-    """One value, or several with commas between them."""
+    """One value, or several separated by commas."""
 
     name = "several"
 
@@ -34,7 +34,7 @@ class _Several(click.ParamType):
 
 
 def _experiment_options(kind: str) -> Callable:
-    """An option for each parameter of the experiment's table, and what both have."""
+    """An option for each parameter of the experiment's table."""
     from floebmi.experiments import parameters
 
     table = getattr(parameters, kind.capitalize())
@@ -53,7 +53,7 @@ def _experiment_options(kind: str) -> Callable:
     return add
 
 
-SEEDS = {"shear": 3, "strait": 20}  # of an experiment, if not told
+SEEDS = {"shear": 3, "strait": 20}  # default number of seeds of an experiment
 
 
 def _ensemble_options(function: Callable) -> Callable:

@@ -1,12 +1,12 @@
-"""The figures of the paper, each from this model.
+"""The figures of the paper, made with this model.
 
 | figure | shows |
 |---|---|
-| 1 | the cell in shear |
+| 1 | the shear cell |
 | 2 | the strait, with its current |
 | 3 | shear stress and friction against normal stress, with fits of τ = C + μ_u N |
 | 4 | displacement against height |
-| 5 | the strait in time, with the chains of force |
+| 5 | the strait at several times, with force chains |
 | 6, 7 | transport, survival and T against friction, against tensile strength |
 | 8, 9, 10 | the same against width, spread of sizes, thickness; both models |
 """
@@ -41,7 +41,7 @@ KPA, KM, HOUR = 1e3, 1e3, 3600.0
 
 
 class Sweep(NamedTuple):
-    """What a figure against a parameter varies: its values, for which models, and how it is shown."""
+    """The parameter that a figure varies: its values, for which models, and how it is shown."""
 
     name: str
     values: tuple[float, ...]
@@ -61,7 +61,7 @@ KINDS: dict[int, type[Experiment]] = {n: Shear if n in (1, 3, 4) else Strait for
 
 
 class Drawn(NamedTuple):
-    """A figure, the data that it is made of, the members that failed, and what to say."""
+    """A figure, its data, the members that failed, and a summary as text."""
 
     figure: "Figure"
     files: list[Path]
@@ -77,20 +77,22 @@ def make_figure(
     to: Path | None = None,
     **how: Any,
 ) -> Drawn:
-    """Run what a figure of the paper shows, and draw it.
+    """Run the experiments of a figure of the paper, and draw it.
 
     Parameters
     ----------
-    number : of the figure, 1 to 10
-    kind : the experiment, to be asked for by the right name
-    values : of parameters, instead of those of the table and of the figure
-    seeds : of the members; figures 1, 2 and 5 show the first of them
-    to : the picture; default: figure-N.png.  The files of the runs go beside it
+    number : number of the figure, 1 to 10
+    kind : the experiment; must be the one that the figure shows
+    values : values of parameters, instead of those of the table and of the figure
+    seeds : seeds of the members; figures 1, 2 and 5 show the first of them
+    to : file of the picture; default: figure-N.png.  The files of the runs go beside it
     how : jobs, on, progress: see `ensemble.run`
     """
     if kind is not KINDS[number]:
         right = KINDS[number].__name__.lower()
-        raise InputError(f"figure {number}: is of the other experiment; floebmi experiment {right}")
+        raise InputError(
+            f"figure {number}: belongs to the other experiment; use floebmi experiment {right}"
+        )
     to = Path(f"figure-{number}.png") if to is None else path_of("to", to)
     if to.suffix not in (".png", ".pdf", ".svg"):
         raise InputError(f"{to}: a figure is a .png, .pdf or .svg file")
@@ -131,7 +133,7 @@ def _from_ensembles(number, kind, values, seeds, to, how) -> Drawn:
     for name in swept:
         if len(values.get(name, swept[name])) < 2:
             raise InputError(
-                f"{name}: figure {number} is of several values of it; give two or more"
+                f"{name}: figure {number} shows several values of it; give two or more"
             )
     made = {}
     for model, laws in models.items():
@@ -329,9 +331,9 @@ def _funnel(ax: "Axes", model: Any, p: Strait) -> None:
 
 
 def chains(ax: "Axes", model: Any, unit: float, shift: float = 0.0) -> None:
-    """Contacts as lines between centres, wider with their force; pushes are dark, pulls of bonds red.
+    """Force chains: contacts as lines between centres, of a width that grows with the force; compression dark, tension of bonds red.
 
-    shift : along x [m], for what reaches across a periodic edge
+    shift : shift along x [m], for contacts across a periodic edge
     """
     from matplotlib.collections import LineCollection
 
@@ -377,7 +379,7 @@ def _jamming(data: "Mapping[str, xr.Dataset]", sweep: Sweep) -> "Figure":
 
 
 def _survival(ax: "Axes", one: "xr.Dataset", colour: Any) -> None:
-    """Steps of P_s, and the curve of maximum likelihood, dashed."""
+    """P_s as a step curve, and the maximum-likelihood curve, dashed."""
     n = int(np.isfinite(one.flow_start).sum())
     if not n:
         return
@@ -392,7 +394,7 @@ def _survival(ax: "Axes", one: "xr.Dataset", colour: Any) -> None:
 
 
 def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
-    """T with its interval; arrows are lower bounds where no run jammed; crosses the fit as in the paper."""
+    """T with its confidence interval; arrows: lower bounds where no run jammed; crosses: the fit as in the paper."""
     x, colour = one[sweep.name].values / sweep.unit, LINES[0]  # one legend is of all models
     T, fit = one.jamming_timescale.values / HOUR, one.jamming_timescale_fit.values / HOUR
     low, high = (one.jamming_timescale_bounds.sel(bound=b).values / HOUR for b in campaign.BOUNDS)

@@ -1,4 +1,4 @@
-"""What the parameters of an experiment list, and nothing else: a law that is not asked for is not there."""
+"""The laws that an experiment's parameters ask for, and no others."""
 
 from floebmi.bonds import TensileStrength
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, Elastic, Restitution
@@ -22,10 +22,10 @@ def contact(p: Experiment) -> Contact:
 
 
 def step(p: Experiment) -> Step:
-    """How time is stepped."""
+    """Integration scheme and time step."""
     return PAPERS_STEP if p.preset in AS_THE_PAPER else Step()
 
 
 def drag(p: Experiment) -> tuple[OceanDrag, AirDrag]:
-    """The drag laws of a preset; the default's are those that the paper prints."""
+    """The drag laws of a preset; those of the default are the ones printed in the paper."""
     return DRAG_PRESETS["damsgaard2018" if p.preset == "default" else p.preset]

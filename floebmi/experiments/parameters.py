@@ -1,8 +1,8 @@
-"""The one table: every number of the two experiments, its unit, and where it comes from.
+"""The parameters of the two experiments: every value with its unit and where it comes from.
 
-"stated" means that the paper gives it; "chosen" that it does not, and why this value; "reference code" that
-it is from the paper's own code, Granular.jl, its examples or its defaults.  A field is a row of the table, an option of
-`floebmi experiment`, and a parameter of a member.
+"stated" means that the paper gives the value; "chosen" that it does not, followed by the reason for this value; "reference
+code" that it is from the paper's own code, Granular.jl, its examples or its defaults.  A field is a row of the table, an
+option of `floebmi experiment`, and a parameter of an ensemble member.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,13 +16,13 @@ from floebmi.quantities import NonNegative, PoissonRatio, Positive, PositiveFrac
 
 Preset = Literal["default", "damsgaard2018", "granular.jl-0.3.2", "constant-cd"]
 PRESETS: tuple[str, ...] = get_args(Preset)
-# presets that run as the paper's code did: three-term Taylor, Eq. 4's step, lever arms R_ij
+# presets that run as the paper's code did: three-term Taylor scheme, time step of Eq. 4, lever arms R_ij
 AS_THE_PAPER = ("damsgaard2018", "granular.jl-0.3.2")
 NORMAL_STRESSES = (5e3, 10e3, 20e3, 40e3, 80e3)  # [Pa], of a sweep in shear: stated, 5 to 80 kPa
 
 
 class Row(NamedTuple):
-    """Of a parameter: unit, meaning, source."""
+    """Unit, meaning and source of a parameter."""
 
     unit: str
     meaning: str
@@ -170,13 +170,13 @@ def make(kind: type[Experiment], values: Mapping[str, Any]) -> Experiment:
 
 
 def radii(p: Strait) -> tuple[float, float]:
-    """Smallest and largest radius [m], widened about their middle by `spread`."""
+    """Smallest and largest radius [m], with their range widened about its middle by `spread`."""
     middle, half = 0.5 * (p.radius_min + p.radius_max), 0.5 * (p.radius_max - p.radius_min)
     return middle - p.spread * half, middle + p.spread * half
 
 
 def code(values: Mapping[str, Any]) -> tuple[bool, ...]:
-    """Members with the same answer run the same machine code."""
+    """A key for the compiled code: members with equal keys run the same machine code."""
     return (
         values["friction"] > 0,
         values["tensile_strength"] > 0,

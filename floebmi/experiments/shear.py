@@ -1,14 +1,14 @@
 """Simple shear: how strong is a pack of floes under a normal stress?
 
-    N ↓↓↓↓↓↓↓↓↓↓↓↓↓↓↓     a wall without friction, loaded with N
-      driven floes →→→     u = speed, free across
+    N ↓↓↓↓↓↓↓↓↓↓↓↓↓↓↓     frictionless wall, loaded with N
+      driven floes →→→     u = speed, free along y
       ╎            ╎
       ╎    pack    ╎       periodic along x
       ╎            ╎
-      floes that stand
+      fixed floes
 
-Floes settle in water that flows to −y, are pressed together by the wall, and are then sheared: those within
-one floe size of the bottom stand still, those within one of the top move along.  The shear stress τ is the
+Floes settle in water that flows towards −y, are pressed together by the wall, and are then sheared: those within
+one floe size of the bottom are fixed, those within one floe size of the top are driven.  The shear stress τ is the
 force along x on the driven floes over the area of the top, length × thickness.
 """
 
@@ -62,7 +62,7 @@ class Cell(NamedTuple):
 
 
 def settle(p: Shear, seed: int) -> tuple[Floes, float]:
-    """Loose floes come to rest at the bottom; returns them, and the length of the cell."""
+    """Let loose floes come to rest at the bottom; returns them, and the length of the cell."""
     sizes = PowerLaw(p.radius_min, p.radius_max, exponent=p.exponent)
     area = p.floes * sizes.mean_area()
     length = area / (PACKED * p.height)
@@ -82,7 +82,7 @@ def settle(p: Shear, seed: int) -> tuple[Floes, float]:
 
 
 def consolidate(p: Shear, seed: int) -> Cell:
-    """The settled floes under the loaded wall; then the lowest are held, and the highest driven."""
+    """Consolidate the settled floes under the loaded wall; then fix the lowest and drive the highest."""
     floes, length = settle(p, seed)
     at_rest(floes)
     top = float((floes.y + floes.radius).max())
@@ -108,21 +108,21 @@ def consolidate(p: Shear, seed: int) -> Cell:
 
 
 def at_rest(floes: Floes) -> None:
-    """All velocities are zero."""
+    """Set all velocities to zero."""
     floes.u[:] = floes.v[:] = 0.0
     if floes.rotation:
         floes.angular_velocity[:] = 0.0
 
 
 def force_on(cell: Cell) -> float:
-    """Force of the pack on the driven floes along x [N]: negative, it holds them back."""
+    """Force of the pack on the driven floes along x [N]; negative, because it resists their motion."""
     c = cell.model.contacts()
     one, other = cell.driven[c.i], cell.driven[c.j]
     return float(c.fx[one & ~other].sum() - c.fx[other & ~one].sum())
 
 
 def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
-    """One run: arrays by the names of `OUTPUTS` and `COORDINATES`."""
+    """One run; returns arrays with the names of `OUTPUTS` and `COORDINATES`."""
     p = make(Shear, parameters)
     cell = consolidate(p, seed)
     model, area = cell.model, cell.length * p.thickness

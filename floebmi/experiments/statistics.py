@@ -1,9 +1,9 @@
 """How soon does a strait jam, and how strong is a pack: fits with their uncertainty.
 
-Jamming is a matter of chance: while ice flows, it jams with the same probability in each second, 1/T.  The
-share of straits that still flow is then P_s(t) = exp(−(t − t₀)/T) (eq. survival).  T is found in two ways: as in the
-paper, by a least-squares fit (Levenberg-Marquardt) of this curve to the shares, with t₀ the first jam; and
-by maximum likelihood, which also counts the runs that ended before they jammed.
+Jamming is treated as random: while ice flows, it jams with a constant probability per unit time, 1/T.  The
+fraction of straits that still flow is then P_s(t) = exp(−(t − t₀)/T) (eq. survival).  T is estimated in two ways: as in
+the paper, by a least-squares fit (Levenberg-Marquardt) of this curve to the fractions, with t₀ the first jam; and
+by maximum likelihood, which also uses the runs that ended before they jammed.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from floebmi.quantities import is_number, unmasked
 
 
 class Timescale(NamedTuple):
-    """Mean time T until a strait jams [s], and its confidence interval; T = inf where none jammed."""
+    """Mean time T until a strait jams [s], with its confidence interval; T = inf if none jammed."""
 
     value: float
     low: float
@@ -43,9 +43,9 @@ class Line(NamedTuple):
 
 
 def survival(jam_time: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the jams in order [s], and the share of all runs that still flow after each.
+    """Times of the jams in order [s], and the fraction of all runs that still flow after each.
 
-    jam_time : of each run [s], NaN for one that did not jam
+    jam_time : time of the jam of each run [s], NaN for one that did not jam
     """
     times = unmasked(jam_time).ravel()
     jammed = np.sort(times[np.isfinite(times)])
@@ -53,10 +53,10 @@ def survival(jam_time: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fit_survival(jam_time: ArrayLike) -> SurvivalFit:
-    """T as in the paper: Levenberg-Marquardt through P_s at the jams, t₀ the first of them (eq. survival).
+    """T as in the paper: a Levenberg-Marquardt fit of P_s at the times of the jams, t₀ the first of them (eq. survival).
 
-    With less than three jams there is nothing to fit: T and its deviation are NaN.  Runs that do not
-    jam count in the shares only, so P_s does not reach 0.  What never let a floe out is no run that flows: leave it out.
+    With fewer than three jams there is nothing to fit: T and its standard deviation are NaN.  Runs that do not
+    jam count only in the fractions, so P_s does not reach 0.  Leave out runs in which no floe ever left: they never flowed.
     """
     from scipy.optimize import curve_fit
 
@@ -78,26 +78,26 @@ def fit_survival(jam_time: ArrayLike) -> SurvivalFit:
 def timescale(
     jam_time: ArrayLike, start: ArrayLike, end: ArrayLike, confidence: float = 0.95
 ) -> Timescale:
-    """T by maximum likelihood: the time that all runs flowed, over the number of jams (eq. survival).
+    """T by maximum likelihood: the total time for which all runs flowed, over the number of jams (eq. survival).
 
     Parameters
     ----------
-    jam_time : of each run [s], NaN where it did not jam
-    start : when it could first have jammed: the first floe reached the outlet [s]; NaN: never, and the run says
-        nothing
-    end : of the run [s]; a run without a jam flowed until then
-    confidence : of the interval, by χ²: exact at each end where runs stop at the k-th jam, close to it where
-        they stop at a time
+    jam_time : time of the jam of each run [s], NaN where it did not jam
+    start : earliest time at which each run could have jammed, when the first floe reached the outlet [s]; NaN: never,
+        and the run is not used
+    end : end of each run [s]; a run without a jam flowed until then
+    confidence : confidence level of the interval [1], from χ²; exact if runs stop at the k-th jam, approximate if
+        they stop at a fixed time
 
     Returns
     -------
-    Timescale.  Without a jam T is infinite, and so is the upper end; the lower one is one-sided.
+    Timescale.  Without a jam T and the upper bound are infinite, and the lower bound is one-sided.
 
     Raises
     ------
     InputError
-        for unlike numbers of times, a confidence that is not between 0 and 1, and a run that jams or ends before it
-        can.
+        for different numbers of times, a confidence that is not between 0 and 1, and a run that jams or ends before its
+        `start`.
 
     References
     ----------
@@ -128,13 +128,13 @@ def timescale(
 def fit_line(normal_stress: ArrayLike, shear_stress: ArrayLike, confidence: float = 0.95) -> Line:
     """τ = C + μ_u N by least squares, with intervals from Student's t (eq. bulk-friction).
 
-    normal_stress, shear_stress : of each run [Pa]; runs with a NaN are left out.  With less than three
-        runs, or one normal stress only, all is NaN.
+    normal_stress, shear_stress : stresses of each run [Pa]; runs with a NaN are left out.  With fewer than three
+        runs, or only one normal stress, all results are NaN.
 
     Raises
     ------
     InputError
-        for unlike numbers of stresses, and a confidence that is not between 0 and 1.
+        for different numbers of stresses, and a confidence that is not between 0 and 1.
     """
     from scipy.stats import linregress, t
 
@@ -151,7 +151,7 @@ def fit_line(normal_stress: ArrayLike, shear_stress: ArrayLike, confidence: floa
 
 
 def _of_each_run(**values: ArrayLike) -> list[np.ndarray]:
-    """What there is one of for each run, flat."""
+    """Arrays with one value for each run, flat."""
     rows = [unmasked(one).ravel() for one in values.values()]
     if len({row.size for row in rows}) > 1:
         told = ", ".join(f"{row.size} of {name}" for name, row in zip(values, rows, strict=True))

@@ -1,8 +1,8 @@
 """The strait: how soon does the ice jam?
 
-Floes drift through a funnel of fixed floes into a strait, under a wind and a current that a stream function
-gives; new ones come in at the top as soon as there is room, and leave at the bottom, where their mass is
-counted.  A run ends when nothing has left for an hour.
+Floes drift through a funnel of fixed floes into a strait, driven by wind and by a current given by a stream
+function.  New floes enter at the top as soon as there is room; floes leave at the bottom, where their mass is
+counted.  A run ends when no floe has left for the time `patience`, an hour by default.
 
         y = funnel + channel   ────────────────────  inflow
                                 ╲                ╱
@@ -55,7 +55,7 @@ class Geometry(NamedTuple):
     domain: Domain
 
     def half_width(self, y: np.ndarray) -> np.ndarray:
-        """Distance of the walls from the middle [m]."""
+        """Distance of the walls from the centre line [m]."""
         return 0.5 * self.width + self.slope * np.maximum(y - self.channel, 0.0)
 
     @property
@@ -66,7 +66,7 @@ class Geometry(NamedTuple):
 
 
 def geometry(p: Strait) -> Geometry:
-    """Funnel and strait of some parameters."""
+    """The funnel and strait for the given parameters."""
     top = p.funnel + p.channel
     half = 0.5 * p.width + p.slope * p.funnel
     return Geometry(p.width, p.channel, p.slope, Domain((-half, half), (0.0, top)))
@@ -93,10 +93,10 @@ def walls(p: Strait) -> Coast:
 
 
 def current(p: Strait, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """u, v [m/s] in the cells, from differences of ψ between their corners: no water is lost.
+    """u, v [m/s] in the cells, from differences of ψ between their corners, so that the flow is free of divergence.
 
-    ψ = −Q (3 s − s³)/4 with s = x over the half width: a parabola across, at rest along the walls, with the
-    same flow Q through each section, and its largest speed in mid-strait.
+    ψ = −Q (3 s − s³)/4 with s = x over the half width: a parabolic profile, at rest along the walls, with the
+    same flow Q through each section; the largest speed is in the middle of the strait.
     """
     shape = geometry(p)
     ny, nx = grid.shape
@@ -135,7 +135,7 @@ def build(p: Strait, seed: int) -> Model:
 
 
 def evolve(model: Model, p: Strait) -> Iterator[float]:
-    """Advance to the end or to the jam; yields the mass that has left [kg], after each exchange."""
+    """Advance until the end, or until the strait has jammed; yields the mass that has left [kg] after each exchange."""
     left, last = 0.0, None
     for k in range(1, round(p.hours * 3600.0 / p.exchange) + 1):
         model.advance(k * p.exchange - model.time)
@@ -148,7 +148,7 @@ def evolve(model: Model, p: Strait) -> Iterator[float]:
 
 
 def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
-    """One run: arrays by the names of `OUTPUTS` and `COORDINATES`."""
+    """One run; returns arrays with the names of `OUTPUTS` and `COORDINATES`."""
     p = make(Strait, parameters)
     model = build(p, seed)
     times, mass = [0.0], [0.0]
