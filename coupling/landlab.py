@@ -312,6 +312,11 @@ class SeaIceFloes(Component):
             raise InputError(
                 f"SeaIceFloes: the grid has {there[0]} alone; floes need {FRACTION} and {THICKNESS}"
             )
+        if concentration is None and not there and sizes is not None:
+            raise InputError(
+                "SeaIceFloes: sizes is given, but nothing that asks for floes: neither a concentration nor the"
+                f" fields {FRACTION} and {THICKNESS}"
+            )
         if concentration is None and not (
             there and fields[FRACTION][self._grid.node_at_cell].any()
         ):

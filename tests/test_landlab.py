@@ -466,6 +466,7 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
         (lambda: SeaIceFloes(grid(), scene="two-floes", seed=1), "seed is given beside a scene"),
         (lambda: SeaIceFloes(grid(), scene="two-floes", thickness=2.0), "thickness = 2.0 applies to floes made from a concentration"),
         (lambda: SeaIceFloes(grid(), floes=floes, sizes=(1.0, 2.0)), "sizes is given beside floes"),
+        (lambda: SeaIceFloes(grid(), sizes=(1.0, 2.0)), "neither a concentration nor the fields"),
         (lambda: SeaIceFloes(grid(), floes=floes, domain=box, edges="closed"), "edges is given beside a domain"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=(1.0, 2.0, 3.0)), "sizes"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=("a", "b")), "must be .smallest, largest"),
