@@ -190,7 +190,8 @@ class Regrid:
         Raises
         ------
         InputError
-            for a wrong size, a value on a wet cell that is not finite, or an `empty` that is not a single number.
+            for a wrong size, a value that is not finite on a wet cell that meets the target, or an `empty` that is
+            not a single number.
         """
         values = self._check(values, self.source, self._used, "source")
         scale = self._scale(normalisation)
