@@ -123,7 +123,7 @@ class Connection:
                 f"couple: {target} of the {taker.name} is of type {type_of_target}, which would cut {source};"
                 " must be of a floating type"
             )
-        self._convert = converter(giver.units(source), taker.units(target), running, source, target)
+        self._convert = converter(giver.unit(source), taker.unit(target), running, source, target)
         self.giver, self.taker, self.source, self.target = giver, taker, source, target
         self.kind, self.weight = _kept(giver, target, link)
         self.running = running
@@ -132,7 +132,7 @@ class Connection:
         taker.know_grid(target)
         self._downstream = from_host  # as the weights run, from host to floes
         self.grids = grids if from_host else grids[::-1]
-        self._pascals = in_pascals(taker.units(target), target)
+        self._pascals = in_pascals(taker.unit(target))
         self.regrid = regrid_of(self.grids, names if from_host else names[::-1])
         self._before: np.ndarray | None = None
 

@@ -20,6 +20,7 @@ Only BMI calls are made, so either model may be in another process (grpc4bmi).  
 
 - *Names.*  An explicit `to_floes` or `to_host` comes first; then equal CSDMS names; what finds no partner is listed.
 - *Units.*  UDUNITS (through cf_units) compares them; convertible units are converted, others refused.
+  `host_units` and `floes_units` say those of a model that does not tell them, or tells them wrong.
 - *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept, the number of
   floes with its sum; velocities, tilt and the like with their mean kept.  Means over the ice (thickness, velocity) and
   over floes (radius, contacts) are weighted so that the ice's volume and momentum, and what floes sum to, are kept.
@@ -82,7 +83,8 @@ def couple(
     until: float,
     to_floes: Mapping[str, str | Link | None] | None = None,
     to_host: Mapping[str, str | Link | None] | None = None,
-    units: Mapping[str, str] | None = None,
+    host_units: Mapping[str, str] | None = None,
+    floes_units: Mapping[str, str] | None = None,
     host_grids: Mapping[int, Grid] | None = None,
     floes_grids: Mapping[int, Grid] | None = None,
     regrids: Mapping[tuple[int, int], Regrid] | None = None,
@@ -99,7 +101,7 @@ def couple(
     until : end, on the floes' clock [s]; a whole number of exchanges from now
     to_floes : input of the floes → output of the host; None leaves the input alone
     to_host : input of the host → output of the floes; None leaves the input alone
-    units : units of variables that do not tell them, or tell them wrong
+    host_units, floes_units : units of that model's variables, where it does not tell them or tells them wrong
     host_grids, floes_grids : BMI grid number → `Grid`, where BMI does not tell cells or mask
     regrids : (host grid number, floes grid number) → weights made before, from host to floes
     offset : time of the host minus time of the floes [s]; None: their start times are the same moment
@@ -115,7 +117,8 @@ def couple(
         that does not answer to begin with.  The line says when, and in the run where the floes' state is.
     """
     coupling = Coupling(
-        host, floes, every, to_floes, to_host, units, host_grids, floes_grids, regrids, offset, rescue
+        host, floes, every, to_floes, to_host, host_units, floes_units, host_grids, floes_grids, regrids,
+        offset, rescue,
     )  # fmt: skip
     return coupling.run(until, show)
 
@@ -143,7 +146,8 @@ class Coupling:
         every: float,
         to_floes: Mapping[str, str | Link | None] | None = None,
         to_host: Mapping[str, str | Link | None] | None = None,
-        units: Mapping[str, str] | None = None,
+        host_units: Mapping[str, str] | None = None,
+        floes_units: Mapping[str, str] | None = None,
         host_grids: Mapping[int, Grid] | None = None,
         floes_grids: Mapping[int, Grid] | None = None,
         regrids: Mapping[tuple[int, int], Regrid] | None = None,
@@ -155,8 +159,9 @@ class Coupling:
         if offset is not None and not is_number(offset):
             raise InputError(f"couple: offset = {offset!r} s: must be a finite number")
         for name, table, kind in (
-            ("to_floes", to_floes, None), ("to_host", to_host, None), ("units", units, None),
-            ("host_grids", host_grids, Grid), ("floes_grids", floes_grids, Grid), ("regrids", regrids, Regrid),
+            ("to_floes", to_floes, None), ("to_host", to_host, None), ("host_units", host_units, None),
+            ("floes_units", floes_units, None), ("host_grids", host_grids, Grid),
+            ("floes_grids", floes_grids, Grid), ("regrids", regrids, Regrid),
         ):  # fmt: skip
             check_table(f"couple: {name}", table)
             for key, value in (table or {}).items():
@@ -167,8 +172,8 @@ class Coupling:
         if rescue is not None:
             path_of("couple: rescue", rescue)
         self.every, self.rescue = float(every), rescue
-        self.host = Side("host", host, units or {}, host_grids or {})
-        self.floes = Side("floes", floes, units or {}, floes_grids or {})
+        self.host = Side("host", host, host_units or {}, host_grids or {})
+        self.floes = Side("floes", floes, floes_units or {}, floes_grids or {})
         self._regrids = dict(regrids or {})
         starts = self.host.start_time() - self.floes.start_time()
         self.offset = starts if offset is None else float(offset)
@@ -180,7 +185,7 @@ class Coupling:
                 f" together in to_floes and to_host: floes want {', '.join(self.floes.inputs)}; host"
                 f" wants {', '.join(self.host.inputs) or 'nothing'}"
             )
-        self._refuse_idle(units or {}, regrids or {})
+        self._refuse_idle(regrids or {})
         filled = {connection.target for connection in self.to_floes + self.to_host}
         self.unmatched = tuple(
             f"{side.name}: {name}"
@@ -193,18 +198,11 @@ class Coupling:
         self._unbooked: _Unbooked | None = None  # what the host was given last, until it is booked
         self.ledger: list[Exchange] = []
 
-    def _refuse_idle(
-        self, units: Mapping[str, str], regrids: Mapping[tuple[int, int], Regrid]
-    ) -> None:
-        """InputError for units or weights of a variable or grid that is nowhere: they were meant for another."""
-        names = {name for side in (self.host, self.floes) for name in (*side.inputs, *side.outputs)}
-        for name in units:
-            if not is_word(name, names):
-                raise InputError(
-                    f"couple: units of {name!r}: no such variable; {choose(name, names)}"
-                )
-        self.host.refuse_idle_grids()
-        self.floes.refuse_idle_grids()
+    def _refuse_idle(self, regrids: Mapping[tuple[int, int], Regrid]) -> None:
+        """InputError for units, grids or weights of a variable or grid that is nowhere: they were meant for another."""
+        for side in (self.host, self.floes):
+            side.refuse_idle_units()
+            side.refuse_idle_grids()
         pairs = {c.grids for c in self.to_floes + self.to_host}
         for pair in regrids:
             if pair not in pairs:

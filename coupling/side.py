@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from bmipy import Bmi
 
 from coupling.cells import digest, grid_of, told_of
-from coupling.units import in_seconds
-from floebmi.errors import InputError
+from coupling.units import in_seconds, read
+from floebmi.errors import InputError, choose, is_word
 from floebmi.grid import Grid
+
+if TYPE_CHECKING:
+    import cf_units
 
 PART = 250_000  # values that a message of gRPC has room for, 4 MiB, with their indices
 SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
@@ -119,6 +123,11 @@ class Side:
         """UDUNITS text, empty if nobody tells it."""
         return self._units.get(name) or self.model.get_var_units(name) or ""
 
+    def unit(self, name: str) -> cf_units.Unit:
+        """The unit of a variable; InputError for units that are none."""
+        cure = f"; say them with {self.name}_units={{{name!r}: …}}"
+        return read(self.units(name), f"{name} of the {self.name}", cure)
+
     def grid_number(self, name: str) -> int:
         """The BMI number of a variable's grid."""
         return self.model.get_var_grid(name)
@@ -169,6 +178,16 @@ class Side:
                 )
             self._grids[key] = grid, digest(told), name
         return self._grids[key][0]
+
+    def refuse_idle_units(self) -> None:
+        """Units that were given for a name that no variable has."""
+        names = (*self.inputs, *self.outputs)
+        for name in self._units:
+            if not is_word(name, names):
+                raise InputError(
+                    f"couple: {self.name}_units of {name!r}: the {self.name} has no such variable;"
+                    f" {choose(name, names)}"
+                )
 
     def refuse_idle_grids(self) -> None:
         """InputError for a grid that was given for a number that no variable has."""

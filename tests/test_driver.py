@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import cf_units
 import numpy as np
 import pytest
 
@@ -469,7 +470,8 @@ def test_what_is_per_cell_area_crosses_with_its_integral_kept(ocean):
 
 def carried(name, values, regrid):
     """An output of floes that have these values, carried to an input of the host with the same name."""
-    of_both = {"units": lambda name: "1", "grid_number": lambda name: 0}
+    one = cf_units.Unit("1")
+    of_both = {"unit": lambda name: one, "grid_number": lambda name: 0}
     giver = SimpleNamespace(
         name="floes", get=values.__getitem__, outputs=tuple(values),
         know_grid=lambda name: regrid.target, **of_both,
@@ -569,7 +571,42 @@ def test_convertible_units_are_converted_and_others_are_refused(ocean):
             Coupling(host, Ice(hexagons()), 600.0)
         assert "\n" not in str(caught.value)
     told = dict.fromkeys(SURFACE, "m s-1") | dict.fromkeys(STRESS, "N m-2")
-    Coupling(Altered(ocean(), get_var_units=lambda name: ""), Ice(hexagons()), 600.0, units=told)
+    Coupling(
+        Altered(ocean(), get_var_units=lambda name: ""), Ice(hexagons()), 600.0, host_units=told
+    )
+
+
+@pytest.mark.parametrize("says", ["", "-", "m s-1"])
+def test_units_said_for_one_model_are_not_those_of_the_other(ocean, says):
+    """The two have the same names: a host in cm/s must not make the ice take cm/s for m/s."""
+    model = ocean()
+
+    def set_value(name, values):
+        model.set_value(name, values / 10.0 if name in STRESS else values)
+
+    def get_value(name, values):
+        model.get_value(name, values)
+        if name in SURFACE:
+            values *= 100.0
+        return values
+
+    host = Altered(model, get_value=get_value, set_value=set_value, get_var_units=lambda name: says)
+    told = dict.fromkeys(SURFACE, "cm s-1") | dict.fromkeys(STRESS, "dyne cm-2")
+    plain = ocean()
+    couple(host, Ice(hexagons()), every=600.0, until=1200.0, host_units=told)
+    couple(plain, Ice(hexagons()), every=600.0, until=1200.0)
+    np.testing.assert_allclose(
+        model.get_value_ptr(SURFACE[0]), plain.get_value_ptr(SURFACE[0]), rtol=1e-13
+    )
+    # and the other way round: floes that say nothing
+    mute, model = Altered(Ice(hexagons()), get_var_units=lambda name: ""), ocean()
+    known = {name: Ice(hexagons()).get_var_units(name) for name in (*SURFACE, *RUNNING)}
+    couple(model, mute, every=600.0, until=1200.0, floes_units=known)
+    np.testing.assert_allclose(
+        model.get_value_ptr(SURFACE[0]), plain.get_value_ptr(SURFACE[0]), rtol=1e-13
+    )
+    with pytest.raises(InputError, match="say them with floes_units"):
+        Coupling(ocean(), mute, 600.0)
 
 
 def test_clocks_in_other_units_and_with_other_starts_are_compared(ocean):
@@ -1044,8 +1081,8 @@ def test_what_cannot_be_coupled_is_refused_in_one_line_before_anything_moves(oce
             r"regrids of \(3, 0\).*\(0, 3\)",
         ),
         (
-            lambda: couple(host, ice, every=1.0, until=1.0, units={SURFACE[0][:-1]: "km/h"}),
-            "units of .*no such variable",
+            lambda: couple(host, ice, every=1.0, until=1.0, host_units={SURFACE[0][:-1]: "km/h"}),
+            "host_units of .*the host has no such variable",
         ),
         (
             lambda: couple(host, ice, every=1.0, until=1.0, to_floes={SURFACE[0]: (SURFACE[0], "mean")}),

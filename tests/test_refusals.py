@@ -277,7 +277,10 @@ def scalar(**other):
         (lambda: output.TrajectoryWriter("a.nc", a_model(), changing=None), "must be a list"),
         (lambda: output.save_restart("a.nc", [1]), "state = .*: must be a dict"),
         (lambda: output.save_restart("a.nc", {}, "words"), "attributes = 'words': must be a dict"),
-        (lambda: couple(None, None, every=1.0, until=1.0, units=[1]), "units = .*: must be a dict"),
+        (
+            lambda: couple(None, None, every=1.0, until=1.0, host_units=[1]),
+            "host_units = .*: must be a dict",
+        ),
         (
             lambda: couple(None, None, every=1.0, until=1.0, rescue=3),
             "rescue = 3: must be the path",
