@@ -40,7 +40,7 @@ read from scalar outputs of the floes, `host` from those of the host.
 A host may take the stress along an axis by several inputs (one moves the water, one stirs it): the lines count the first
 of them in the order of its inputs.
 A host that takes the stress per ice area, or as a mean, makes the force of it itself, unseen from here: along such
-an axis the first four are nan, and so is the line's residual.
+an axis the first four are nan, and so is the line's residual.  Where it takes none, "to host" alone is known: 0.
 """
 
 from __future__ import annotations
@@ -432,8 +432,10 @@ class Coupling:
                 axes.add(axis)
             elif axis is not None and not of_water and BOTTOM in source:
                 unseen.add(axis)
-        for axis in unseen - axes:
-            given[axis] = taken[axis] = missed[axis] = np.nan
+        for axis in {0, 1} - axes:  # nobody has counted what the floes took from the water
+            given[axis] = missed[axis] = np.nan
+            if axis in unseen:
+                taken[axis] = np.nan
         return _Impulse(given, taken, missed, axes, turned)
 
     def _accounts(self) -> dict[str, np.ndarray]:

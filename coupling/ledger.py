@@ -25,7 +25,8 @@ import numpy as np
 class Exchange(NamedTuple):
     """One line of the ledger; pairs are (x, y) [N s], None where no model says it (see the module's text).
 
-    The first four are NaN along an axis whose stress on the water the host takes in another way than per cell area.
+    The first four are NaN along an axis whose stress on the water the host takes in another way than per cell area; where it
+    takes none, all but `to_host`, which is 0.
     """
 
     number: int

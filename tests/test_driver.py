@@ -385,6 +385,7 @@ def test_explicit_names_come_first_and_what_nobody_fills_is_listed(ocean):
     one_way = couple(ocean(), ice, every=600.0, until=600.0, to_host=dict.fromkeys(STRESS))
     assert one_way[0].to_host[0] == 0
     assert one_way[0].budget_residual is None
+    assert np.isnan(one_way[0].from_host).all() and np.isnan(one_way[0].relative)  # not 0: it moved
     assert ice.velocity[0].min() > 0
 
 
