@@ -231,8 +231,8 @@ class Staggered:
         InputError
             for a wrong size, or a value on an open point that is not finite.
         """
-        values = _finite("point", _of_points("values", values, self.shape), self.open)
-        return self.weights.T @ values
+        values = _of_points("values", values, self.shape)
+        return self.weights.T @ _finite(f"{self.where} point", values, self.open, self.shape)
 
     def undelivered(self, values: np.ndarray) -> float:
         """The part of Σ values × grid.area on wet cells without any open point; for a stress [N m-2] a force [N].
@@ -249,7 +249,7 @@ class Staggered:
         if values.size != self.grid.size:
             raise InputError(f"{values.size} values for {self.grid.size} cells")
         values = flat("field on the cells", values, self.grid.shape)
-        return _finite("cell", values, self.grid.wet)
+        return _finite("cell", values, self.grid.wet, self.grid.shape)
 
     def __repr__(self) -> str:
         kind = {"u": "faces across i", "v": "faces across j", "corners": "corners"}[self.where]
@@ -270,10 +270,13 @@ def _of_points(name: str, values: np.ndarray, shape: tuple[int, int]) -> np.ndar
     return flat(name, values, shape)
 
 
-def _finite(place: str, values: np.ndarray, used: np.ndarray) -> np.ndarray:
+def _finite(place: str, values: np.ndarray, used: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """The values, with 0 where they are not used."""
     wrong = used & ~np.isfinite(values)
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise InputError(f"value {values[k]} on open {place} {k}: must be finite")
+        row, column = np.unravel_index(k, shape)
+        raise InputError(
+            f"value {values[k]} on open {place} {k}, row {row}, column {column}: must be finite"
+        )
     return np.where(used, values, 0.0)

@@ -163,7 +163,7 @@ def test_a_host_that_fails_leaves_a_line_and_a_state_from_which_the_run_goes_on(
 
     held = {name: values.copy() for name, values in broken.state.items()}
     broken.state["u"][3, 4] = np.nan  # the host sends NaN
-    refused("value nan on open point 67")
+    refused("value nan on open u point 67, row 3, column 4")
     broken.state["u"] = held["u"][:, :-1]  # another grid
     refused("300 values for 315 points")
     broken.state["u"] = held["u"].copy()
@@ -299,7 +299,7 @@ def test_a_clock_of_veros_that_goes_back_another_mask_and_a_current_that_is_nan_
     with vs.unlock():
         good = vs.u
         vs.u = np.where(np.ones_like(good, bool), np.nan, good)
-        with pytest.raises(InputError, match="value nan on open point") as caught:
+        with pytest.raises(InputError, match="value nan on open u point") as caught:
             ice.force(ocean.state, *ocean.wind)
         assert str(caught.value).endswith(place)
         vs.u = good

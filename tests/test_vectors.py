@@ -211,8 +211,11 @@ GRID = GRIDS["uniform"]
         (lambda: Staggered(GRID, "u", area=np.ma.masked_all(156)), r"area\[1\] = nan"),
         (lambda: Staggered(GRID, "u").flux(np.ones(3)), "3 values for 144 cells"),
         (lambda: Staggered(GRID, "u").flux(np.full(144, np.nan)), "nan on open cell 0"),
-        (lambda: Staggered(GRID, "v").state(np.full(156, np.inf)), "inf on open point 12"),
-        (lambda: Staggered(GRID, "v").state(np.ma.masked_all(156)), "nan on open point 12"),
+        (
+            lambda: Staggered(GRID, "v").state(np.full(156, np.inf)),
+            "inf on open v point 12, row 1, column 0",
+        ),
+        (lambda: Staggered(GRID, "v").state(np.ma.masked_all(156)), "nan on open v point 12"),
         (lambda: Staggered(GRID, "v").state(np.zeros(144)), "144 values for 156 points"),
     ],
 )
