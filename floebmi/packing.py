@@ -51,7 +51,7 @@ def scatter(
     ----------
     domain : floes may lie across its periodic edges, and lie wholly inside the others
     sizes : floe size distribution
-    concentration : area of floes over the area of the domain that is not land [1], met within 0.5 %.
+    concentration : area of floes over the area of the domain that is not land [1], met within 0.5 %; 0 is no ice.
         With periodic edges, or with thousands of floes, about 0.85 is reached for any sizes and 0.88 for
         radii that differ by a factor of 2; a few hundred floes between other edges reach some hundredths
         less, and whether equal floes do depends on the seed
@@ -92,6 +92,8 @@ def scatter(
         if not is_number(count) or int(count) != count or count < 0:
             raise InputError(f"count = {count!r}; must be a whole number, at least 0")
         radius = sizes.draw(int(count), rng)
+    elif is_number(concentration) and concentration == 0:
+        radius = np.empty(0)
     else:
         _check_concentration(concentration)
         radius = _draw_area(sizes, concentration * room, rng)

@@ -14,6 +14,7 @@ from floebmi.errors import InputError, in_line
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
+Fraction = Annotated[float, Ge(0), Le(1)]
 PositiveFraction = Annotated[float, Gt(0), Le(1)]
 Count = Annotated[int, Ge(1)]
 PoissonRatio = Annotated[float, Ge(0), Le(0.5)]

@@ -20,7 +20,7 @@ from floebmi.floes import (
     without_small,
 )
 from floebmi.grid import Grid
-from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction
+from floebmi.quantities import Count, Fraction, NonNegative, Positive, PositiveFraction
 from floebmi.scene_keys import (
     FILE_PROJECTION,
     FILL_LAND,
@@ -134,8 +134,9 @@ class Scatter(Group):
 
     arrangement: Literal["scatter"] = "scatter"
     size: SizeTable = Field(description="floe size distribution (by number of floes)")
-    concentration: PositiveFraction | None = Field(
-        None, description="area of the floes over the area of their region [1], up to about 0.85"
+    concentration: Fraction | None = Field(
+        None,
+        description="area of the floes over the area of their region [1], 0 (no ice) to about 0.85",
     )
     count: Count | None = Field(None, description="number of floes, instead of concentration")
     thickness: Positive = Field(1.0, description="thickness of the floes [m]")

@@ -638,6 +638,15 @@ def test_the_metadata_make_a_scene_that_starts(tmp_path: Path) -> None:
     component = started(tmp_path / "scene.toml")
     component.update()
     assert component.get_current_time() == parameters["exchange"]["value"]["default"]
+    # no ice is in the range of what the form offers: the run beside which the others stand
+    assert parameters["concentration"]["value"]["range"]["min"] == 0.0
+    free = tmp_path / "free.toml"
+    free.write_text(text.replace("concentration = 0.6", "concentration = 0.0"))
+    component = started(free)
+    component.set_value(OCEAN[0], np.full(80, 0.3))
+    component.update()
+    assert not value(component, "sea_ice__area_fraction").any()
+    assert not value(component, "sea_ice_bottom_water_flowing__x_z_component_of_stress").any()
 
 
 def test_what_lies_under_a_mask_is_no_value(scene):

@@ -15,6 +15,7 @@ from floebmi.floes import FIXED, Floes
 from floebmi.grid import Grid
 from floebmi.packing import IceNotPlaced, from_field, read_floes, regular, relax, scatter
 from floebmi.sampling import coverage
+from floebmi.scene import read_scene
 from floebmi.sizes import PowerLaw, SingleSize, UniformSize
 
 PERIODIC = {edge: "periodic" for edge in ("west", "east", "south", "north")}
@@ -154,6 +155,14 @@ def test_any_number_of_floes_is_laid_without_overlap(count, ratio, concentration
     assert_inside(floes, domain)
     if count > 1:
         assert largest_overlap(floes, domain) <= 1e-9
+
+
+def test_a_concentration_of_0_is_no_ice():
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0))
+    assert scatter(domain, SingleSize(10.0), concentration=0).x.size == 0
+    free = read_scene("periodic-box", ["floes.concentration=0"]).build().model
+    free.advance(600.0)
+    assert free.floes.x.size == 0
 
 
 @pytest.mark.parametrize(
