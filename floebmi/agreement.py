@@ -17,7 +17,7 @@ from floebmi.arrays import digest
 from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.floes import LAND, Floes
-from floebmi.forces import Coriolis
+from floebmi.forces import Coriolis, CoriolisField
 from floebmi.grid import Grid
 from floebmi.kept import Marks
 from floebmi.pairs import wrap
@@ -39,7 +39,7 @@ def scene_of(model: "Model") -> str:
         rows += _of_grid("atmosphere.grid", model.atmosphere.grid)
     rows += _named("contact", model.contact)
     for force in model.forces:
-        if isinstance(force, Coriolis):
+        if isinstance(force, Coriolis | CoriolisField):
             rows += _named("coriolis", force)
     rows.append(("ice.density", model.ice_density))
     for k, wall in enumerate(model.walls):

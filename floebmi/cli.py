@@ -146,7 +146,7 @@ def run(
         with _of(f"--restart {restart}"):
             model.restore(state)
             refuse_other_start(built.start, built.calendar, told)
-        read.tilt_sea(model)
+        read.lay_out_sea(model)
     left = schedule.duration - model.time
     if left <= 0:
         raise InputError(

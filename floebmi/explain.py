@@ -9,7 +9,7 @@ from floebmi import calibration
 from floebmi.boundaries import EDGES
 from floebmi.contact import turns
 from floebmi.floes import FIXED
-from floebmi.forces import AirDrag, OceanDrag
+from floebmi.forces import AirDrag, CoriolisField, OceanDrag
 from floebmi.running import duration_text
 from floebmi.sampling import floe_weights, without_cell
 
@@ -171,8 +171,8 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
 
 def table_of_force(kind: type) -> str:
     """The table of a scene that asks for a force: its own name, but that of the fluid for drag."""
-    fluids = {OceanDrag: "ocean", AirDrag: "atmosphere"}
-    return fluids.get(kind) or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()
+    others = {OceanDrag: "ocean", AirDrag: "atmosphere", CoriolisField: "coriolis"}
+    return others.get(kind) or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()
 
 
 def _drives(table: "FluidTable") -> str:

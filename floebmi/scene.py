@@ -35,7 +35,16 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose, in_line
 from floebmi.files import check_new_folder, check_target, in_one_go
 from floebmi.floes import Floes
-from floebmi.forces import DRAG_PRESETS, AirDrag, BodyForce, Coriolis, Force, OceanDrag, Tilt
+from floebmi.forces import (
+    DRAG_PRESETS,
+    AirDrag,
+    BodyForce,
+    Coriolis,
+    CoriolisField,
+    Force,
+    OceanDrag,
+    Tilt,
+)
 from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Count, NonNegative, Positive, PositiveFraction, unmasked
@@ -362,6 +371,10 @@ class CoriolisTable(Table):
         le=90,
         description="latitude [degrees], instead of parameter: f = 2 Ω sin(latitude)",
     )
+    field: bool = Field(
+        False,
+        description="whether each cell has a Coriolis parameter of its own, which a host sets; until then the one above",
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -369,10 +382,15 @@ class CoriolisTable(Table):
             raise InputError("give either parameter or latitude")
         return self
 
-    def build(self) -> Coriolis:
+    @property
+    def f(self) -> float:
+        """The Coriolis parameter [1/s], of a field that at the start."""
         if self.latitude is not None:
-            return Coriolis(2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude)))
-        return Coriolis(self.parameter)
+            return 2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude))
+        return self.parameter
+
+    def build(self) -> Coriolis | CoriolisField:
+        return CoriolisField() if self.field else Coriolis(self.f)
 
 
 _Tilt: Any = table_of(Tilt)
@@ -638,7 +656,7 @@ class Scene(Table):
         with self.place("inflow"):
             for inflow in model.inflow:
                 _check_open(inflow, domain, land)
-        self.tilt_sea(model)
+        self.lay_out_sea(model)
         if self.ocean is not None:
             model.ocean.layer_thickness = self.ocean.layer_thickness
         with self.place("ocean"):
@@ -664,10 +682,12 @@ class Scene(Table):
             parts.append(sea.land.floes)
         return Floes.concatenate(parts)
 
-    def tilt_sea(self, model: "Model") -> None:
-        """Set the ocean's surface slope to this scene's; needed again after a restart, which restores its own scene's slope."""
+    def lay_out_sea(self, model: "Model") -> None:
+        """Set the ocean's surface slope and Coriolis parameter to this scene's; needed again after a restart, which restores those of its own scene."""
         if self.tilt is not None:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
+        if self.coriolis is not None and self.coriolis.field:
+            model.ocean.coriolis[:] = self.coriolis.f
 
     def contact_law(self) -> Contact | None:
         """The contact law that the scene lists, or None."""

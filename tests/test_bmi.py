@@ -191,6 +191,40 @@ def test_what_nobody_sets_is_still_water_and_no_wind(scene: Path) -> None:
 # ---- configuration ------------------------------------------------------------------------------
 
 
+def test_a_scene_can_have_every_input_that_the_table_lists(tmp_path: Path) -> None:
+    """The Coriolis parameter among them, cell by cell: a floe in each half of the sea turns its own way."""
+    text = """[domain]
+x = [0.0, 8000.0]
+y = [0.0, 4000.0]
+[grid]
+shape = [1, 2]
+[floes]
+arrangement = "list"
+each = [{x = 2000.0, y = 2000.0, radius = 500.0, u = 0.2}, {x = 6000.0, y = 2000.0, radius = 500.0, u = 0.2}]
+[ocean]
+[atmosphere]
+[tilt]
+[coriolis]
+parameter = 1e-4
+[time]
+exchange = 600.0
+"""
+    runs = {}
+    for name, line in {"north": "1e-4", "south": "-2e-4", "field": "1e-4\nfield = true"}.items():
+        path = tmp_path / f"{name}.toml"
+        path.write_text(text.replace("parameter = 1e-4", f"parameter = {line}"))
+        component = FloeBmi()
+        component.initialize(str(path))
+        if name == "field":
+            assert component.get_input_var_names() == FloeBmi().get_input_var_names()
+            assert (value(component, "earth__coriolis_frequency") == 1e-4).all()
+            component.set_value("earth__coriolis_frequency", np.array([1e-4, -2e-4]))
+        component.update()
+        runs[name] = component.model.floes
+    np.testing.assert_allclose(runs["field"].v, [runs["north"].v[0], runs["south"].v[1]], rtol=1e-3)
+    assert runs["field"].v[0] < 0 < runs["field"].v[1]
+
+
 def test_a_bmi_table_changes_the_scene_and_how_it_is_seen(scene: Path, tmp_path: Path) -> None:
     file = tmp_path / "bmi.toml"
     file.write_text(

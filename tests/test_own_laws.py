@@ -27,7 +27,6 @@ from floebmi.forces import (
     RATE,
     READS,
     BodyForce,
-    CoriolisField,
     Force,
     OceanDrag,
     Push,
@@ -324,8 +323,7 @@ def test_the_bounds_of_a_force_of_ones_own_follow_from_its_acceleration(waves):
 @pytest.mark.parametrize("kind", get_args(Force))
 def test_no_place_of_a_force_is_forgotten(kind):
     assert kind in ACCOUNTS and kind in acceleration.registry
-    if kind is not CoriolisField:  # which a host alone has
-        assert table_of_force(kind) in Scene.model_fields
+    assert table_of_force(kind) in Scene.model_fields
 
 
 def test_a_scene_may_name_every_kind_of_friction():
