@@ -175,10 +175,11 @@ class Coupling:
         self.host = Side("host", host, host_units or {}, host_grids or {})
         self.floes = Side("floes", floes, floes_units or {}, floes_grids or {})
         self._regrids = dict(regrids or {})
-        starts = self.host.start_time() - self.floes.start_time()
-        self.offset = starts if offset is None else float(offset)
-        self.to_floes = self._connect(self.host, self.floes, to_floes or {})
-        self.to_host = self._connect(self.floes, self.host, to_host or {})
+        with in_one_line("couple: as the models were asked for their variables and grids"):
+            starts = self.host.start_time() - self.floes.start_time()
+            self.offset = starts if offset is None else float(offset)
+            self.to_floes = self._connect(self.host, self.floes, to_floes or {})
+            self.to_host = self._connect(self.floes, self.host, to_host or {})
         if not self.to_floes and not self.to_host:
             raise InputError(
                 "couple: no output of one model has the name of an input of the other; say what belongs"

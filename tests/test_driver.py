@@ -610,6 +610,15 @@ def test_units_said_for_one_model_are_not_those_of_the_other(ocean, says):
         Coupling(ocean(), mute, 600.0)
 
 
+@pytest.mark.parametrize("asked", ["get_grid_spacing", "get_var_units", "get_start_time"])
+def test_a_host_that_fails_when_it_is_asked_what_it_has_is_told_in_one_line(ocean, asked):
+    def fails(*_):
+        raise RuntimeError("mesh lost\nTraceback of a server")
+
+    with pytest.raises(CouplingError, match="^couple: as the models were asked.*: mesh lost$"):
+        Coupling(Altered(ocean(), **{asked: fails}), Ice(hexagons()), 600.0)
+
+
 def test_clocks_in_other_units_and_with_other_starts_are_compared(ocean):
     plain, ice = ocean(), Ice(hexagons())
     couple(plain, ice, every=600.0, until=1800.0)
