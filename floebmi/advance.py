@@ -386,6 +386,9 @@ class Advance:
         dt, steps = self._steps_for(duration - done, done)
         taken = 0
         self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
+        if self.step.scheme == "verlet":
+            part = DRAG_RESOLUTION / self.rate.max(initial=1e-300)
+            self._refuse_too_many("sub-steps of drag or Coriolis", part, duration - done, done)
         while taken < steps:
             begin = work_clock()
             n = self._kernel(dt, steps - taken)
@@ -401,18 +404,12 @@ class Advance:
 
     def _steps_for(self, rest: float, done: float) -> tuple[float, int]:
         """Length [s] and number of the steps for the rest of an exchange [s], of which `done` seconds are over."""
-        dt, told = (
-            self.longest_step(),
-            self.step.length is not None or self.step.epsilon is not None,
-        )
+        dt = self.longest_step()
+        told = self.step.length is not None or self.step.epsilon is not None
         if not told and self.contact is None:
             # nothing else says how long a way at one velocity may be
             dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
-        if rest / MOST_STEPS > dt:
-            raise StabilityError(
-                f"{rest:g} s at t = {self.time + done:g} s would take {rest / dt:.2g} steps of {dt:.3g} s, at most "
-                f"{MOST_STEPS:g} are allowed: a velocity, or a step, is not what it should be"
-            )
+        self._refuse_too_many("steps", dt, rest, done)
         if told:  # a shorter one ends the interval
             return min(dt, rest), max(1, int(rest / dt + 1e-9))
         steps = max(1, int(np.ceil(rest / dt - 1e-9)))
@@ -422,6 +419,13 @@ class Advance:
         """Whether floes have strayed so far that something has to be looked at anew."""
         return self.travelled > NEARLY * self._reach()
 
+    def _refuse_too_many(self, what: str, length: float, rest: float, done: float) -> None:
+        if not rest / MOST_STEPS <= length:
+            raise StabilityError(
+                f"{rest:g} s at t = {self.time + done:g} s would take {rest / length:.2g} {what} of {length:.3g} s, at"
+                f" most {MOST_STEPS:g} are allowed: a velocity, a coefficient or a step is not what it should be"
+            )
+
     def _reach(self) -> float:
         """How far floes may stray from their marks [m] before something has to be looked at anew."""
         bounded = self.contact is not None and self.listed.closing > 0.0
@@ -430,9 +434,8 @@ class Advance:
     def _half_skin(self) -> float:
         if self.packed.land.all():  # also where there are no floes
             return np.inf
-        if (
-            self.contact is None
-        ):  # the list only serves the edges: a floe may go a tenth of the domain beyond
+        if self.contact is None:
+            # the list only serves the edges: a floe may go a tenth of the domain beyond
             return 0.05 * float(np.sqrt(self.domain.area))
         return 0.5 * self.listed.skin
 

@@ -379,7 +379,8 @@ def _global_attributes(
         "contact": repr(model.contact),
         "forces": repr(tuple(model.forces)),
         "step": repr(model.step),
-        "seed": model.seed,
+        # NetCDF has no whole number beyond 64 bits
+        "seed": int(model.seed) if model.seed < 2**63 else str(model.seed),
         "ice_density": float(model.ice_density),
         "domain_x": np.array(model.domain.x, float),
         "domain_y": np.array(model.domain.y, float),

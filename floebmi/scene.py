@@ -35,6 +35,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose, in_line
 from floebmi.files import check_new_folder, check_target, in_one_go
 from floebmi.floes import Floes
+from floebmi.fluid import FASTEST
 from floebmi.forces import (
     DRAG_PRESETS,
     AirDrag,
@@ -337,6 +338,8 @@ class FluidTable(Table):
     def _one_source(self) -> Self:
         if self.velocity is not None and self.file is not None:
             raise InputError("velocity and file exclude each other; give one")
+        if self.velocity is not None and not max(map(abs, self.velocity)) < FASTEST:
+            raise InputError(f"velocity = {list(self.velocity)}: must be below {FASTEST:g} m/s")
         if self.file is None:
             idle = self.model_fields_set - {"velocity", "drag", "grid", "layer_thickness"}
             if idle:

@@ -416,7 +416,7 @@ def _one_line(
         return _place(path, tables, name) + message + rest
     if first[0]["type"] == "value_error":  # of several keys together
         return f"{_place(path, tables, name)}{message} (with --set {to_blame.text}){rest}"
-    return f"--set {to_blame.text}: {message}{rest}"
+    return f"--set {to_blame.text}: {_within(to_blame, path, tables)}{message}{rest}"
 
 
 def _path(declaration: Any, error: Any, tables: Any) -> tuple:
@@ -463,6 +463,17 @@ def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | Non
         if names and (within or around):
             return override
     return None
+
+
+def _within(override: Override, path: tuple, tables: Any) -> str:
+    """Of a value that is a table, or a list of such: the key in it, and what the key has."""
+    inner = [part for part in path if not isinstance(part, int)][len(override.words) :]
+    if not inner:
+        return ""
+    value = _value(path, tables)
+    return f"{'.'.join(inner)} " + (
+        "" if value is None else f"= {json.dumps(value, default=str)}: "
+    )
 
 
 def _place(path: tuple, tables: Any, name: str) -> str:

@@ -245,6 +245,12 @@ def test_speeds_of_no_current_wind_or_floe_are_refused_before_drag_is_after_them
     model.floes.u[0] = fill
     with pytest.raises(StabilityError, match="would take .* steps"):
         model.advance(1.0)
+    model = pair(
+        contact=Contact(), forces=[Coriolis(1e30)]
+    )  # more sub-steps than an integer counts
+    model.floes.u[0] = 1e-3
+    with pytest.raises(StabilityError, match="would take .* sub-steps"):
+        model.advance(1.0)
 
 
 def test_rows_and_columns_of_another_shape_are_refused_they_would_come_to_other_cells():

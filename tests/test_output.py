@@ -229,6 +229,15 @@ def test_attributes_tell_what_made_the_file(run, gridded, floes):
     assert (told["ice_density"], told["seed"]) == (900.0, 7)
 
 
+@pytest.mark.parametrize("seed", [2**63 - 1, 2**64, 2**127 + 1])
+def test_a_seed_may_be_longer_than_the_numbers_of_netcdf(tmp_path, seed):
+    model = Model(Domain((0.0, 100.0), (0.0, 100.0)), Floes(50.0, 50.0, 10.0, 1.0), seed=seed)
+    with TrajectoryWriter(tmp_path / "floes.nc", model) as writer:
+        writer.write(model)
+    with xr.open_dataset(tmp_path / "floes.nc") as data:
+        assert int(data.attrs["seed"]) == seed
+
+
 def test_land_with_a_lake_is_written_as_cf_polygons(tmp_path):
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     rings = [6e3 * square, 1e3 + 2e3 * square]  # both counter-clockwise

@@ -96,7 +96,9 @@ def refused(path, *overrides):
         ("walls=[{edge=\"nort\"}]", "did you mean 'north'?"),
         ("coriolis.latitude=91", "must be at most 90"),
         ("output=3", "must be a table of keys"),
-        ("floes=[{size=3}]", "must be a table of keys"),
+        ("floes=[{size=3}]", ": size = 3: must be a table of keys"),
+        ("walls=[{edge=\"north\", mass=-1}]", ": mass = -1: must be greater than 0"),
+        ("contact={bonds={healing={}}}", ": bonds.healing.rate is missing: growth of the strength"),
     ],
 )  # fmt: skip
 def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right(
@@ -151,6 +153,7 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ("[time]\n[time]", "not valid TOML: Cannot declare"),
         ('[floes]\narrangement="list"\neach=[{x=1,y=1}]', "[floes.each] radius is missing: radius of the floe [m]"),
         ("[ocean]\nvelocity = [1, 2]\nfile = 'a'", "[ocean] velocity and file exclude each other"),
+        ("[ocean]\nvelocity = [0, -2000]", "[ocean] velocity = [0.0, -2000.0]: must be below 1000 m/s"),
         ("[ocean]\nvariables = ['uo', 'vo']", "[ocean] variables applies to a file"),
         ("[ocean]\nfile = 'no.nc'", "no.nc"),
         ("[coriolis]", "[coriolis] give either parameter or latitude"),
@@ -376,7 +379,8 @@ def test_a_domain_and_a_grid_lie_within_what_numbers_tell_apart(two, change, sai
 )  # fmt: skip
 def test_a_list_in_the_place_of_a_table_is_refused(two, change):
     """It was taken in the order of the keys, which nothing tells."""
-    assert refused(two, change) == f"--set {change}: must be a table of keys"
+    text = refused(two, change)
+    assert text.startswith(f"--set {change}: ") and text.endswith("must be a table of keys")
 
 
 def test_the_first_group_draws_from_the_seed_itself(write):
