@@ -467,7 +467,7 @@ def _override_of(path: tuple, overrides: tuple[Override, ...]) -> Override | Non
 
 def _within(override: Override, path: tuple, tables: Any) -> str:
     """Of a value that is a table, or a list of such: the key in it, and what the key has."""
-    inner = [part for part in path if not isinstance(part, int)][len(override.words) :]
+    inner = [part for part in path if not isinstance(part, int)][len(override.keys) :]
     if not inner:
         return ""
     value = _value(path, tables)
