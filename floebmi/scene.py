@@ -768,7 +768,7 @@ class Scene(Table):
             outside={"error": None, "land": 1.0, "water": 0.0}[table.outside],
         )  # fmt: skip
         shape = grid.shape
-        # a grid that does not go round the period ends within it, and so does the land that it knows
+        # a grid that does not span the whole period ends within it, and so does its land
         period = tuple(
             length if length is not None and _goes_round(grid, axis, length) else None
             for axis, length in enumerate(domain.period)
