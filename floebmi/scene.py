@@ -373,7 +373,7 @@ class CoriolisTable(Table):
     )
     field: bool = Field(
         False,
-        description="whether each cell has a Coriolis parameter of its own, which a host sets; until then the one above",
+        description="let a host set a Coriolis parameter for each cell; until it does, parameter or latitude holds everywhere",
     )
 
     @model_validator(mode="after")
@@ -384,7 +384,7 @@ class CoriolisTable(Table):
 
     @property
     def f(self) -> float:
-        """The Coriolis parameter [1/s], of a field that at the start."""
+        """The Coriolis parameter [1/s]; with a field its initial value."""
         if self.latitude is not None:
             return 2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude))
         return self.parameter
