@@ -411,7 +411,7 @@ class SeaIceFloes(Component):
         fields, node = self._model.fields(), self._grid.node_at_cell
         for row in _OUTPUTS:
             if row.csdms not in self._grid.at_node:
-                continue  # the step that missed it has failed, and the others are put back
+                continue  # the step that found it missing has failed, and the other fields are restored
             array = self._grid.at_node[row.csdms]
             array[:] = 0.0
             if row.name in fields:  # a scene without wind has no stress of the air

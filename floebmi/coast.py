@@ -268,7 +268,7 @@ def _brought_back(land: "shapely.Geometry", domain: "Domain") -> "shapely.Geomet
                 shapely.transform(land.intersection(shapely.box(*window.ravel())), by.__add__)
             )
         parts = shapely.get_parts(shapely.union_all(pieces))
-        # what only touches the edge is none
+        # parts that only touch the edge have no area and are dropped
         land = shapely.union_all(parts[shapely.area(parts) > 0])
     return land
 
@@ -460,7 +460,7 @@ def _coast(
         lined |= np.isfinite(near)
         points.append(centres)
         radii.append(np.full(len(centres), size))
-    # what is left is narrower than the smallest disc: line it on the coastline itself
+    # the remaining parts are narrower than the smallest disc: line them on the coastline itself
     tips = shore[~lined]
     points.append(tips)
     radii.append(np.full(len(tips), smallest))

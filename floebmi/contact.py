@@ -534,7 +534,7 @@ def pair_force(
     pressed = overlap + braking
     f_n, damped = k_n * pressed, k_n * braking
     breaks, gap_before = was_bonded and not touching, gap - opening * dt
-    # a bond that went from overlap to rupture within the step was no more than a contact
+    # a bond that breaks in a step that began with an overlap acted as a mere contact
     undivided = was_bonded and not (breaks and gap_before < 0.0)
     part = dt if undivided else time_in_contact(law.friction, gap, opening, dt)
     f_t_before, f_t, kept, slip_loss = tangential(

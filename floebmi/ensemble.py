@@ -360,7 +360,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_heard: list[Warning] = []  # in a worker: warnings that nobody has been told yet
+_heard: list[Warning] = []  # in a worker: warnings that have not been reported yet
 
 
 def _start_worker() -> None:
@@ -419,7 +419,7 @@ def _spread(
         _collect(executor, keys, arguments, keep)
         return
     lost = _in_a_pool(keys, arguments, keep, jobs)
-    for key in lost:  # a process died and took others' members with it: each by itself now
+    for key in lost:  # a process died, and with it other members: run each of them separately now
         for _ in _in_a_pool([key], arguments, keep, 1):
             keep(key, RuntimeError("the process ended without a word (out of memory?)"))
 
@@ -431,7 +431,7 @@ def _in_a_pool(keys, arguments, keep, jobs):
     with ProcessPoolExecutor(workers, context, _start_worker) as pool:
         try:
             return _collect(pool, keys, arguments, keep)
-        except KeyboardInterrupt:  # nobody will keep what is being made, which may take hours
+        except KeyboardInterrupt:  # unfinished members would not be kept
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
             raise

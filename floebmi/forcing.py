@@ -337,7 +337,7 @@ class VelocityFile:
         """u + i v (grid.size,) [m/s] of one record, at the cells."""
         if record not in self._records:
             values = np.concatenate([f.read(record, b).ravel() for f, b in self._parts()])
-            # Each point by itself: of a fill value a mean between points may be a velocity as good as any.
+            # Check each point separately: a mean that includes a fill value may look like a valid velocity.
             excess = np.abs(values[self._used]) / self._fastest
             if not (excess <= 1).all():  # NaN is bad, too
                 worst = np.argmax(np.where(np.isnan(excess), np.inf, excess))

@@ -19,9 +19,9 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-# A step of an axis so many times longer than both beside it is a hole, as a choice of longitudes leaves one.
+# A step of an axis this many times longer than both its neighbours is a gap, as after a selection of longitudes.
 _HOLE = 3.0
-# Targets on the common edge of two quadrilaterals must not fall between them; a weight no larger is none.
+# Tolerance, so that targets on the common edge of two quadrilaterals are not lost; smaller weights count as zero.
 _EDGE = 1e-9
 # Quadrilaterals tried for one target, nearest first; the second try is for very long ones.
 _TRIES = (12, 80)
@@ -107,7 +107,7 @@ def in_net(
     near &= ~_torn(_four(net_x), _four(net_y))
     rim = np.ones(near.shape, bool)
     rim[1:-1, 1:-1] = False
-    # On a net that closes on itself the rim lies on top of quadrilaterals: those come first.
+    # On a mesh that closes on itself the rim overlaps other quadrilaterals, which take precedence.
     for part in (near & ~rim, near & rim):
         j, i = np.nonzero(part)
         corner = np.stack(

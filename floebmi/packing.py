@@ -24,8 +24,8 @@ from floebmi.quantities import FARTHEST, check_length, flat, is_number, number_i
 from floebmi.sampling import check_images
 from floebmi.sizes import Sizes, check_sizes, csv_lines
 
-CLOSE_ENOUGH = 0.005  # relative error of the concentration that is still what was asked for
-WHOLE_ROWS = 0.03  # the same on a lattice
+CLOSE_ENOUGH = 0.005  # accepted relative error of the concentration
+WHOLE_ROWS = 0.03  # accepted relative error of the concentration of a lattice
 
 
 class IceNotPlaced(UserWarning):
@@ -579,7 +579,7 @@ def _draw_area(
     count = int(np.argmin(abs(total - area)))
     if not strict or abs(total[count] - area) <= CLOSE_ENOUGH * area:
         return radius[:count]
-    # few floes: let the last one fill what the others leave
+    # few floes: choose the last one to fill the remaining area
     for others in (count, max(count - 1, 0)):
         last = sizes.draw(1000, rng)
         error = abs(total[others] + np.pi * last**2 - area)

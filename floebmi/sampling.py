@@ -32,7 +32,7 @@ from floebmi.grid import Bins, Grid, bin_of, column
 from floebmi.kernels import BLOCK, IN_PLACE, in_place, jit
 
 Period = tuple[float | None, float | None]
-TWICE = 1e-3  # of a cell: less is round-off of corners in single precision
+TWICE = 1e-3  # fraction of a cell; smaller overlaps are round-off of corners in single precision
 
 ROUND_OFF = 1e-14  # an overlap below this times the disc's area is round-off, not ice
 
@@ -91,9 +91,9 @@ class Polygons(NamedTuple):
     corner_y: np.ndarray
 
 
-PATCH = 3  # columns and rows of cells in which a disc is looked at together: many reach no more
-LINES = PATCH + 1  # of the grid, that bound them
-# Rows of the buffer of a block of discs: results in lower rows than what they are computed from, as in columns.py.
+PATCH = 3  # columns and rows of cells treated together for a disc; most reach no more
+LINES = PATCH + 1  # grid lines that bound a patch
+# Rows of the buffer of a block of discs: results are in lower rows than their inputs, as in columns.py.
 AMOUNT, TOTAL = 0, PATCH**2 * BLOCK  # areas in cells, and their sum
 CORNER = TOTAL + BLOCK  # areas south-west of corners
 WEST = CORNER + LINES**2 * BLOCK  # H of the lines
@@ -203,7 +203,7 @@ def _areas_in_patches(
             inside[np.uintp(floe[e])] += lanes[TOTAL + k]
             start[np.uintp(floe[e]) + one] = m
     for k in range(radius.size):
-        start[k + 1] = max(start[k + 1], start[k])  # who is not listed has an empty row
+        start[k + 1] = max(start[k + 1], start[k])  # discs that are not listed have empty rows
         outside[k] = math.pi * radius[k] * radius[k] - inside[k] if of[k] else 0.0
 
 
@@ -627,7 +627,7 @@ def _centre_weights(grid: Grid, x: np.ndarray, y: np.ndarray, period: Period) ->
     """Weights by the cells at floe centres, without dry cells."""
     west, east, south, north = grid.bounds
     floe, image_x, image_y = images(grid, x, y, 0.0, 0.0, period)
-    # Here the far rim is inside, lest a centre that round-off puts on the seam falls through.
+    # Here the far rim is inside, so that a centre that round-off puts on the seam is not lost.
     image_x = np.minimum(image_x, np.nextafter(east, west))
     image_y = np.minimum(image_y, np.nextafter(north, south))
     cell = grid.locate(image_x, image_y)

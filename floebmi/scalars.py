@@ -259,8 +259,8 @@ def _interpolated(
 ) -> np.ndarray:
     """A field at the cells of the grid (grid.size,), after `convert` of the points' values.
 
-    scale, top : each point of use must have a value within 0 … top / scale: of a fill value a mean between points may be
-        as good as any
+    scale, top : each point in use must have a value within 0 … top / scale, because a mean that includes a fill value may look
+        valid
     share : the concentration at the same points: where it says that there is no ice the field is 0, whether the
         file has 0 there or no value
     times : whether the field is multiplied by `share` there

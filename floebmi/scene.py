@@ -376,7 +376,7 @@ class CoriolisTable(Table):
     )
     field: bool = Field(
         False,
-        description="whether each cell has a Coriolis parameter of its own, which a host sets; until then the one above",
+        description="let a host set a Coriolis parameter for each cell; until it does, parameter or latitude holds everywhere",
     )
 
     @model_validator(mode="after")
@@ -387,7 +387,7 @@ class CoriolisTable(Table):
 
     @property
     def f(self) -> float:
-        """The Coriolis parameter [1/s], of a field that at the start."""
+        """The Coriolis parameter [1/s]; with a field its initial value."""
         if self.latitude is not None:
             return 2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude))
         return self.parameter
@@ -771,7 +771,7 @@ class Scene(Table):
             outside={"error": None, "land": 1.0, "water": 0.0}[table.outside],
         )  # fmt: skip
         shape = grid.shape
-        # a grid that does not go round the period ends within it, and so does the land that it knows
+        # a grid that does not span the whole period ends within it, and so does its land
         period = tuple(
             length if length is not None and _goes_round(grid, axis, length) else None
             for axis, length in enumerate(domain.period)

@@ -68,8 +68,8 @@ OUTPUTS = {
     "energy_residual": Output((), "1", "residual of the energy over what was exchanged"),
     "inertia_number": Output((), "1", "I = γ̇ d √(ρ/N), from the gridded strain rate and pressure"),
     "floe_steps": Output((), "1", "floes times steps"),
-    "cost": Output((), "s", "of a processor"),
-    "cost_per_day": Output((), "s", "of a processor for a simulated day"),
+    "cost": Output((), "s", "processor time"),
+    "cost_per_day": Output((), "s", "processor time per simulated day"),
 }
 SUFFIX = ".tradeoff.nc"
 FRONT, OTHERS = LINES[1], LINES[0]
@@ -128,7 +128,7 @@ def _is_model(scene: Scene) -> bool:
 def reference(model: "Model", schedule: Schedule) -> str:
     """The fine setting with which the others are compared; model and schedule are those of the scene."""
     fine, step = [], model.step
-    if step.length is not None:  # it has the last word, as epsilon has over a fraction
+    if step.length is not None:  # it takes precedence, as epsilon does over a fraction
         fine.append(f"step.length={step.length / FINER:.12g}")
     elif model.contact is not None and step.epsilon is not None:
         fine.append(f"step.epsilon={step.epsilon / FINER:.12g}")
@@ -154,8 +154,8 @@ def member(parameters: Mapping[str, Any], seed: int) -> dict[str, np.ndarray]:
         free = model.floes.active & (model.floes.motion == 0)
         model.floes.x[free] += NUDGE * model.floes.radius[free]
     grid = _grid(scene, model)
-    # frames of all settings are of the same times, which a scene may leave to its exchange; nor is an exchange that it
-    # leaves to its duration another one in a shorter run
+    # all settings have frames at the same times, even if the scene derives these from its exchange interval; and an
+    # exchange interval derived from the duration stays the same in a shorter run
     schedule = Schedule(
         parameters["duration"], scene.time.exchange or parameters["exchange"], parameters["every"]
     )
@@ -305,7 +305,7 @@ def tradeoff(
     if not fine:
         raise InputError(f"{scene.file}: has neither contacts nor fluids: there is no dial to turn")
     tried = [fine, f"{fine} {NUDGED}", "", *(text for texts in dials.values() for text in texts)]
-    # what moves is moved by forces, or moves by itself and keeps its momentum
+    # floes are moved by forces, or move freely and keep their momentum
     usual = ("transport", "drift", "velocity") if scene.forces() else ("transport", "velocity")
     if budget is not None:
         length = _affordable(schedule, built, budget, len(tried), seeds, jobs)
@@ -402,7 +402,7 @@ def _compare(
     worst = max(grown, key=lambda q: np.nan_to_num(grown[q]))
     chaotic = grown[worst] > SEES * error
     n = runs.sizes["seed"]
-    # floes of a list, of a file or with a seed of their own are those of every seed, and so is then the whole run
+    # floes of a list, of a file or with a seed of their own are the same for every seed, and so is then the whole run
     same = all(_same_for_all_seeds(base[q]) for q in quantities)
     why = (
         f"a nudge of the floes by {NUDGE:g} of their radius changes {worst} by {grown[worst]:.1g}: "

@@ -650,7 +650,7 @@ def _stale_neighbours(long: bool) -> Iterator[Measure]:
     kept, anew = (Model(domain, floes.copy(), Contact(), step=Step(length=1e-3)) for _ in range(2))
     for _ in range(300):
         anew.advance(1e-3)
-        anew._state.kept = None  # forgets the list that it would go on with
+        anew._state.kept = None  # discards the neighbour list that it would go on using
     kept.advance(0.3)
     struck = np.count_nonzero(kept.floes.u[:-1] != 0.0)
     yield Measure("floes that were struck", struck, "≥", 3)

@@ -497,7 +497,7 @@ def test_the_command_sweeps_fits_and_goes_on_where_it_was(cli, tmp_path):
     [
         ("strait --friction x", "must be a number"),
         ("strait --friction -1", "Strait.friction = -1.0: must be at least 0"),
-        ("strait --width 5000,5000", "each value once"),
+        ("strait --width 5000,5000", "must be one or more different values"),
         ("shear --duration 10,20", "Shear.duration = (10.0, 20.0): must be one value"),
         ("strait --hours 2,3", "Strait.hours = (2.0, 3.0): must be one value"),
         ("strait --seeds 0", "--seeds"),
@@ -555,7 +555,7 @@ def test_a_figure_of_several_values_is_not_drawn_from_one(cli):
         ("shear --figure 3 --normal-stress 2e4", "normal_stress: figure 3"),
     ):
         done = cli(f"{words} --seeds 1 --jobs 1")
-        assert done.exit_code == 2 and f"{name} is of several values" in done.stderr
+        assert done.exit_code == 2 and f"{name} shows several values" in done.stderr
         assert not list(Path().glob("*.nc*"))
 
 

@@ -15,7 +15,7 @@ OUTPUTS = {
 }
 COORDINATES = {
     "account": Output(("account",), "", "line of the ledger; now = start + accounts + residual"),
-    "quantity": Output(("quantity",), "", "what the ledger counts"),
+    "quantity": Output(("quantity",), "", "quantity of the ledger"),
 }
 
 

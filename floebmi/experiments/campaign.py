@@ -89,7 +89,7 @@ def run(
                 f"{kind.__name__}.{name} = {several}: must be one value, since all members of a file share its times"
             )
     sweep = {name: v for name, v in table.items() if len(v) > 1}
-    if kind is Shear:  # what is fitted over is always there, and comes last
+    if kind is Shear:  # lines are fitted over the stress: the last dimension
         sweep["normal_stress"] = sweep.pop("normal_stress", table["normal_stress"])
     parameters = {name: v[0] for name, v in table.items() if name not in sweep}
     module = shear if kind is Shear else strait
@@ -137,7 +137,7 @@ def _fit_strait(data: "xr.Dataset") -> None:
     jam, start, end = (
         data[name].values.reshape(-1, n) for name in ("jam_time", "flow_start", "watched_until")
     )
-    start = np.where(end > start, start, np.nan)  # too short a run says nothing
+    start = np.where(end > start, start, np.nan)  # a run that is too short is not used
     likely = [statistics.timescale(*one) for one in zip(jam, start, end, strict=True)]
     fitted = [
         statistics.fit_survival(one[np.isfinite(s)]) for one, s in zip(jam, start, strict=True)

@@ -37,12 +37,12 @@ OUTPUTS = {
     "shear_stress_error": Output((), "Pa", "standard error of that mean, from ten blocks of time"),
     "normal_stress_met": Output((), "Pa", "normal stress of the pack on the wall, steady mean"),
     "inertia_number": Output((), "1", "shear rate × mean diameter × √(density/N)"),
-    "shear_rate": Output((), "s-1", "speed over the height between standing and driven floes"),
-    "moving_floes": Output((), "1", "floes that neither stand nor are driven"),
+    "shear_rate": Output((), "s-1", "speed over the height between fixed and driven floes"),
+    "moving_floes": Output((), "1", "floes that are neither fixed nor driven"),
     "shear_stress_in_time": Output(("time",), "Pa", "shear stress"),
     "wall_position": Output(("time",), "m", "position of the wall"),
     "displacement": Output(("layer",), "1", "displacement along x over that of the driven floes, steady mean"),
-    "floe_steps": Output((), "1", "floes times steps, of the shear"),
+    "floe_steps": Output((), "1", "floes times steps during shear"),
     **books.OUTPUTS,
 }  # fmt: skip
 COORDINATES = {
