@@ -91,6 +91,9 @@ def scatter(
     if count is not None:
         if not is_number(count) or int(count) != count or count < 0:
             raise InputError(f"count = {count!r}; must be a whole number, at least 0")
+        _refuse_too_full(
+            f"count = {count}", np.pi * sizes.range[0] ** 2 * count / room, "at least "
+        )
         radius = sizes.draw(int(count), rng)
     elif is_number(concentration) and concentration == 0:
         radius = np.empty(0)
@@ -99,10 +102,7 @@ def scatter(
         radius = _draw_area(sizes, concentration * room, rng)
     asked = f"concentration = {concentration:g}" if count is None else f"count = {count}"
     filled = float(np.pi * np.sum(radius**2)) / room
-    if filled > 0.95:
-        raise InputError(
-            f"{asked}: the floes would cover {filled:.3g} of the room; about 0.85 can be packed"
-        )
+    _refuse_too_full(asked, filled)
     _check_fit(radius, domain)
     ground = ground_of(domain, barrier, len(radius))
     sea = ground.group >= 0
@@ -557,6 +557,13 @@ def _check_ice(fraction: np.ndarray, depth: np.ndarray, grid: Grid) -> None:
 def _check_concentration(concentration: object) -> None:
     if not (is_number(concentration) and 0 < concentration < 1):
         raise InputError(f"concentration = {concentration!r}; must be between 0 and 1")
+
+
+def _refuse_too_full(asked: str, filled: float, least: str = "") -> None:
+    if filled > 0.95:
+        raise InputError(
+            f"{asked}: the floes would cover {least}{filled:.3g} of the room; about 0.85 can be packed"
+        )
 
 
 def _generator(seed: int) -> np.random.Generator:

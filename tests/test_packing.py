@@ -168,6 +168,7 @@ def test_a_concentration_of_0_is_no_ice():
 @pytest.mark.parametrize(
     "change, said",
     [
+        ({"concentration": None, "count": 10**15}, "would cover at least "),  # before any is drawn
         ({"concentration": None}, "give either concentration or count"),
         ({"count": 3}, "give either concentration or count"),
         ({"concentration": 1.2}, "concentration = 1.2; must be between 0 and 1"),
