@@ -98,7 +98,7 @@ def refused(path, *overrides):
         ("output=3", "must be a table of keys"),
         ("floes=[{size=3}]", ": size = 3: must be a table of keys"),
         ("walls=[{edge=\"north\", mass=-1}]", ": mass = -1: must be greater than 0"),
-        ("contact={bonds={healing={}}}", ": bonds.healing.rate is missing: growth of the strength"),
+        ("contact={bonds={healing={}}}", ": bonds.healing.rate is missing: rate λ at which the strength grows"),
     ],
 )  # fmt: skip
 def test_a_wrong_override_is_refused_in_one_line_that_names_it_and_what_is_right(
