@@ -52,7 +52,7 @@ class _PartCode(JITCodeLibrary):
         pass
 
     def _finalize_final_module(self) -> None:
-        """Give Python only the globals that hold the texts of messages, not the code."""
+        """Give Python only the environment globals, which lead to the texts that the code prints, not the code."""
         code = self._final_module
         places = [str(v) for v in code.global_variables if v.linkage is binding.Linkage.common]
         empty = str(self._codegen._create_empty_module(self.name))

@@ -87,7 +87,7 @@ from floebmi.survey import Contacts
 from floebmi.variables import PER_ICE_AREA
 
 Out = Mapping[str, np.ndarray] | None
-RESIDUAL_ALLOWED = 0.1  # of the energy turnover; beyond it a run is stopped
+RESIDUAL_ALLOWED = 0.1  # largest relative energy residual; beyond it a run is stopped
 STILL = 1e-6  # m/s: less energy than that of all ice at this speed is negligible
 LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that uses the last stress (eq. lagged-stress)
 
@@ -343,7 +343,7 @@ class Model:
         StabilityError
             if the step no longer resolves the motion: a floe moves more than half its radius in a step, overlaps another
             by more than the smaller radius or has its centre behind a wall, a number is no longer finite, more than 1e12
-            steps would be needed, or the energy residual exceeds a tenth of the turnover.
+            steps would be needed, or the relative energy residual exceeds 0.1.
 
         After an error the model is as it was before.
         """
