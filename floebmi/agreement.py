@@ -1,6 +1,6 @@
 """Agreement between a model and the state that it restarts from.
 
-A state belongs to one scene: its impulses to the cells of one grid, the memory of its contacts to one kind of law,
+A state belongs to one scene: its fluid fields to the cells of one grid, the memory of its contacts to one kind of law,
 its floes to one domain.  So these are stored with it, as named numbers, and a restart compares them.  A different
 number in a law starts a branch of the run: the state is complete, and the change of its energy or mass is booked as an
 edit.  It is reported, though, since it may be a mistake.  Forcing, the step and the output may differ.

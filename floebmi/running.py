@@ -69,7 +69,7 @@ class Report(NamedTuple):
     floe_steps : steps of all floes in this run
     counters : of the model, since its start, at the end of this run
     ledger : mass, momentum and energy of the ice, likewise
-    contacts : number of pairs of floes in contact at the end
+    contacts : number of pairs of floes in contact or bonded at the end
     files : files written
     shares : of contacts, other forces and motion in the time of a step at the end [1], if a profile was requested
     """
