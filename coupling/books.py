@@ -1,13 +1,13 @@
-"""The books of a `Model`'s exchanges with a host in the same process: lines of `coupling.ledger`.
+"""The momentum ledger of a `Model`'s exchanges with a host in the same process: lines of `coupling.ledger`.
 
-`coupling.driver` keeps them for two BMI models.  Where the host's code calls the ice itself (Landlab, Veros,
+`coupling.driver` keeps it for two BMI models.  Where the host's code calls the ice itself (Landlab, Veros,
 shallowwater) the exchange looks like this:
 
     books.open()
     model.advance(duration)
     line = books.close(to_host=…, undelivered=…)     # as the host counts it, on its own faces and masks
 
-What the ice took from its cells, the host got in its own; what the ice gained, somebody gave: the line's two residuals.
+The line has two residuals: the impulse from the ice's cells against that into the host's cells, and the budget of the ice.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ from floebmi.output import load_restart, save_restart
 
 @final
 class Books:
-    """Books of a model's exchanges with one host.
+    """The ledger of a model's exchanges with one host.
 
     Attributes
     ----------
@@ -38,20 +38,20 @@ class Books:
         self.last: Exchange | None = None
 
     def open(self) -> None:
-        """Before the ice is advanced."""
+        """Start a line, before the ice is advanced."""
         self._before = self._totals()
         self._start = self._model.time
 
     def close(
         self, to_host: np.ndarray, undelivered: np.ndarray, host: np.ndarray | None = None
     ) -> Exchange:
-        """After it; the line of this exchange.
+        """Return the line of this exchange, after the ice is advanced.
 
         Parameters
         ----------
         to_host : (x, y) Σ A τ Δt over the host's own cells or faces [N s]
-        undelivered : (x, y) of the impulse on the ice's wet cells, what found no place in the host [N s]
-        host : (x, y) change of the host's own momentum [N s], where it is known
+        undelivered : (x, y) part of the impulse on the ice's wet cells without a wet cell of the host [N s]
+        host : (x, y) change of the host's own momentum [N s], if known
         """
         model, after = self._model, self._totals()
         momentum, other, nowhere = after - self._before
@@ -68,7 +68,7 @@ class Books:
         return self.last
 
     def _totals(self) -> np.ndarray:
-        """Momentum of the ice, what all but the water gave to it, what found no water: rows of (x, y)."""
+        """Momentum of the ice, impulse on it by all but the water, impulse without a wet cell: rows of (x, y) [N s]."""
         model = self._model
         other = [row[1:3] for name, row in model.ledger.accounts.items() if name != "ocean drag"]
         nowhere = np.zeros(2) if model.ocean is None else model.ocean.undelivered
@@ -80,9 +80,9 @@ class Books:
     def unchanged_on_failure(
         self, rescue: str | Path | None, more: Mapping[str, Any] | None = None
     ) -> Iterator[None]:
-        """What fails in here leaves the model as it was; its state is saved, and the one line says where.
+        """Restore the model if the body fails; its state is saved, and the error says where, in one line.
 
-        `more` is of the host's side, as for `save`; only one who also puts his own side back may give it.
+        more : state of the host, as for `save`; only for callers that also restore their own side
         """
         model = self._model
         before = {
@@ -102,13 +102,13 @@ class Books:
             raise kind(text) from error
 
     def save(self, path: str | Path, more: Mapping[str, Any] | None = None) -> None:
-        """Save the model and these books, and `more` of the host's side."""
+        """Save the model, this ledger's totals, and `more`, the state of the host."""
         books = {"turnover": self._turnover, "number": self._number}
         state = {"model": self._model.state(), "books": books, "host": dict(more or {})}
         save_restart(path, state, {"time": self._model.time})
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        """Go on from a state that `save` wrote; returns what it was given as `more`.
+        """Continue from a state that `save` wrote; returns the `more` passed to it.
 
         Raises
         ------

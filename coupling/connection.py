@@ -1,6 +1,6 @@
-"""One variable on its way from one model to the other: in what units, between which cells, and what of it is kept.
+"""One variable passed from one model to the other: units, cells, and the conserved quantity.
 
-Names say what is kept, the integral or a mean (see *Kind* in `coupling.driver`), unless a `Link` does.
+Its name decides whether the integral or a mean is conserved (see *Kind* in `coupling.driver`), unless a `Link` does.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PER_AREA = (
     "mass-per-area",
     "coefficient",
 )
-COUNT = "sea_ice_floe__count"  # a number for each cell, whatever its area
-OVER_ICE = {  # means over the ice or its floes, and what weights them
+COUNT = "sea_ice_floe__count"  # a number per cell, whatever its area
+OVER_ICE = {  # means over the ice or its floes, and their weights
     "sea_ice__thickness": "sea_ice__area_fraction",
     "sea_ice_flowing__x_component_of_velocity": "sea_ice__mass-per-area_density",
     "sea_ice_flowing__y_component_of_velocity": "sea_ice__mass-per-area_density",
@@ -37,13 +37,13 @@ OVER_ICE = {  # means over the ice or its floes, and what weights them
 
 
 class Link(NamedTuple):
-    """How one input is filled, where equal names do not say it.
+    """The source of one input, where equal names do not determine it.
 
     Parameters
     ----------
     source : the giver's output; a running `time_integral_of` of the floes is differenced into a mean over
         the exchange
-    kind : "integral" (per cell area; of the number of floes the sum) or "mean"; None: by the name
+    kind : "integral" (per cell area; for the number of floes the sum) or "mean"; None: by the name
     weight : output of the giver that weights the mean (area fraction, mass); None: by the name
     """
 
@@ -58,7 +58,7 @@ def running_name(name: str) -> str:
 
 
 def instant_name(name: str) -> str:
-    """The name of what a running time integral is of."""
+    """The name of the variable of a running time integral."""
     return name.replace("__time_integral_of_", "__", 1)
 
 
@@ -69,12 +69,12 @@ def axis_of(name: str) -> int | None:
 
 
 def is_per_area(name: str) -> bool:
-    """Whether a variable is per cell area, by its name: its integral is kept, not its mean."""
+    """Whether a variable is per cell area, by its name: then its integral is conserved, not its mean."""
     return name == COUNT or name not in OVER_ICE and any(word in name for word in PER_AREA)
 
 
 class Connection:
-    """One variable on its way from one model to the other.
+    """One variable passed from one model to the other.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ class Connection:
     Attributes
     ----------
     source, weight : outputs of the giver, see `Link`
-    kind : what is kept, "integral" or "mean"
+    kind : the conserved quantity, "integral" or "mean"
     running : whether a running integral is differenced into a mean over the exchange
     grids : BMI numbers of the grids, (host, floes)
 
     Raises
     ------
     InputError
-        for a link that cannot be.
+        for an invalid link.
     """
 
     def __init__(
@@ -130,27 +130,27 @@ class Connection:
         grids, names = (giver.grid_number(source), taker.grid_number(target)), (source, target)
         giver.know_grid(source)
         taker.know_grid(target)
-        self._downstream = from_host  # as the weights run, from host to floes
+        self._downstream = from_host  # in the direction of the weights, from host to floes
         self.grids = grids if from_host else grids[::-1]
         self._pascals = in_pascals(taker.unit(target))
         self.regrid = regrid_of(self.grids, names if from_host else names[::-1])
         self._before: np.ndarray | None = None
 
     def remember(self) -> None:
-        """Keep a running integral as it is before the interval."""
+        """Store a running integral at the start of the interval."""
         if self.running:
             values = self.giver.get(self.source)
             self._refuse_not_finite(values)
             self._before = values
 
     def latest(self) -> np.ndarray:
-        """The value now, in the taker's units; of a running integral the mean over the giver's last update."""
+        """The value now, in the taker's units; for a running integral the mean over the giver's last update."""
         return self._converted(
             self.giver.get(instant_name(self.source) if self.running else self.source)
         )
 
     def mean(self, duration: float) -> np.ndarray:
-        """The value now, in the taker's units; of a running integral the mean over the time since `remember` [s]."""
+        """The value now, in the taker's units; for a running integral the mean over the duration since `remember` [s]."""
         values = self.giver.get(self.source)
         return self._converted((values - self._before) / duration if self.running else values)
 
@@ -171,7 +171,7 @@ class Connection:
             )
 
     def carry(self, values: np.ndarray) -> np.ndarray:
-        """To the taker's grid."""
+        """Regrid values to the taker's grid."""
         regrid = self.regrid
         if regrid is None:
             return values
@@ -182,8 +182,8 @@ class Connection:
             return across(values / given) * taken if self.source == COUNT else across(values)
         if self.weight is None:
             return (regrid if self._downstream else regrid.reverse).state(values)
-        # What stands behind each value crosses as it does by itself, its integral kept: so volume and
-        # momentum of the ice are kept, too, where a cell of it lies over the taker's land in part.
+        # Weight and weighted value are regridded with their integrals conserved: so volume and momentum
+        # of the ice are conserved even where one of its cells lies partly over the taker's land.
         weight = np.where(np.isfinite(values), self.giver.get(self.weight), 0.0)
         if self.weight == COUNT:
             weight = weight / given
@@ -192,11 +192,11 @@ class Connection:
         return np.where(total > 0, whole / np.where(total > 0, total, 1.0), 0.0)
 
     def put(self, values: np.ndarray) -> np.ndarray:
-        """Give them to the taker; returns them as it has them, in its own precision."""
+        """Set the taker's input; returns the values in its own precision."""
         return self.taker.set(self.target, values)
 
     def force(self, values: np.ndarray, carried: np.ndarray) -> tuple[float, float, float, float]:
-        """A stress summed over the giver's cells, over the taker's, what is lost, and Σ |.| [N]."""
+        """Force of a stress: the sum over the giver's cells, over the taker's, the part lost, and Σ |.| [N]."""
         r = self.regrid
         if r is None:
             area = self.giver.know_grid(self.source).area
@@ -221,7 +221,7 @@ class Connection:
 
 
 def _kept(giver: Side, target: str, link: Link) -> tuple[str, str | None]:
-    """What of a variable is kept on its way, "integral" or "mean", and the output that weights a mean."""
+    """The conserved quantity of a variable, "integral" or "mean", and the output that weights a mean."""
     source = link.source
     weight = link.weight or OVER_ICE.get(source)
     per_area = weight is None and is_per_area(source)

@@ -1,4 +1,4 @@
-"""Two BMI models, one clock: the host and the ice, coupled both ways, with the books open.
+"""Two-way coupling of two BMI models, a host and the ice, with a momentum ledger.
 
     couple(host, floes, every=600.0, until=86400.0, show=print)
 
@@ -7,40 +7,40 @@ One exchange over [t, t + every]:
     get    the host's fields at t                  (velocity of the water, wind, tilt …)
     regrid to the floes' grid, and set them
     update the floes to t + every
-    get    what the ice gave: the impulse since the last exchange over the interval, J(t + every) − J(t)
+    get    the impulse from the ice over the interval, J(t + every) − J(t)
     regrid to the host's grid, and set it
     update the host to t + every
     book   one line of the ledger
 
-The ice goes first, so that the host feels exactly the stress that the ice felt from it.  The running
-impulse is differenced because it cannot be wrong: a mean over "the last step" is the mean over the exchange
+The ice goes first, so that the stress on the host is exactly opposite to that on the ice.  The running
+impulse is differenced because that is always right: a mean over "the last step" is the mean over the exchange
 only for a component that takes one step per exchange.
 
 Only BMI calls are made, so either model may be in another process (grpc4bmi).  Nothing is guessed:
 
-- *Names.*  An explicit `to_floes` or `to_host` comes first; then equal CSDMS names; what finds no partner is listed.
+- *Names.*  An explicit `to_floes` or `to_host` comes first; then equal CSDMS names; inputs without a match are listed.
 - *Units.*  UDUNITS (through cf_units) compares them; convertible units are converted, others refused.
-  `host_units` and `floes_units` say those of a model that does not tell them, or tells them wrong.
-- *Kind.*  What is per cell area (stress, flux, area fraction, mass) crosses with its integral kept, the number of
-  floes with its sum; velocities, tilt and the like with their mean kept.  Means over the ice (thickness, velocity) and
-  over floes (radius, contacts) are weighted so that the ice's volume and momentum, and what floes sum to, are kept.
-  A floes' cell that lies over the host's land in part gives all of its ice to the wet part, as it gives its
-  stress: an area fraction may pass 1 there.  Equal coasts avoid it; a host that can take no more than 1 says
-  `Link(fraction, "mean")`, and gets the mean over what the floes' cells cover of its own.
-- *Cells.*  BMI says where nodes are.  Nodes of a uniform rectilinear grid are taken for cell centres (faces,
-  where the location says so); where cells do not follow from what BMI says, a `Grid` must be given.
+  `host_units` and `floes_units` give those of a model that reports none or wrong ones.
+- *Kind.*  Variables per cell area (stress, flux, area fraction, mass) are regridded with their integral conserved, the
+  number of floes with its sum; velocities, tilt and the like with their mean.  Means over the ice (thickness, velocity)
+  and over floes (radius, contacts) are weighted so that the volume and momentum of the ice, and sums over floes, are
+  conserved.  A floes' cell that lies partly over the host's land gives all of its ice to the wet part, as it does with
+  its stress: an area fraction may exceed 1 there.  Equal coasts avoid this; for a host that accepts no more than 1, use
+  `Link(fraction, "mean")`: it gets the mean over the part of its cells that the floes' cells cover.
+- *Cells.*  BMI gives the positions of nodes.  Nodes of a uniform rectilinear grid are taken as cell centres (faces,
+  where the location says so); where cells do not follow from BMI, a `Grid` must be given.
   Coordinates are metres in one plane for both models; masks come with a given `Grid`, BMI has none.
-- *Time.*  Units of both clocks are compared; a model that does not land on the exchange time ends the run.
-- *After a fault.*  Where the floes stand one exchange ahead, the host gets first what it missed: the same `Coupling`
-  knows the impulse, a new one takes the floes' mean over their last update for it.  An exchange that the host has felt
-  has its line, if something fails right after it, too.
+- *Time.*  Units of both clocks are compared; a model that does not reach the exchange time exactly ends the run.
+- *After a fault.*  If the floes are one exchange ahead, the host first gets what it missed: the same `Coupling`
+  knows the impulse, a new one uses the floes' mean over their last update.  An exchange that the host has completed
+  gets its line even if something fails right after it.
 
-The ledger has a line for each exchange, of momentum [N s] along x and y (`coupling.ledger`).  `floes` and `other` of it are
+The ledger has a line for each exchange, of momentum [N s] along x and y (`coupling.ledger`).  `floes` and `other` are
 read from scalar outputs of the floes, `host` from those of the host.
 A host may take the stress along an axis by several inputs (one moves the water, one stirs it): the lines count the first
 of them in the order of its inputs.
-A host that takes the stress per ice area, or as a mean, makes the force of it itself, unseen from here: along such
-an axis the first four are nan, and so is the line's residual.  Where it takes none, "to host" alone is known: 0.
+A host that takes the stress per ice area, or as a mean, computes the force itself, unknown here: along such
+an axis the first four are nan, and so is the line's residual.  Where it takes no stress, only "to host" is known: 0.
 """
 
 from __future__ import annotations
@@ -92,29 +92,29 @@ def couple(
     rescue: str | Path | None = None,
     show: Callable[[str], object] | None = None,
 ) -> list[Exchange]:
-    """Couple two initialized BMI models until a time; returns the ledger, one `Exchange` each.
+    """Couple two initialized BMI models until a time; returns the ledger, one `Exchange` per exchange.
 
     Parameters
     ----------
-    host, floes : models whose `initialize` was called
+    host, floes : initialized models
     every : exchange interval [s]
     until : end, on the floes' clock [s]; a whole number of exchanges from now
     to_floes : input of the floes → output of the host; None leaves the input alone
     to_host : input of the host → output of the floes; None leaves the input alone
-    host_units, floes_units : units of that model's variables, where it does not tell them or tells them wrong
-    host_grids, floes_grids : BMI grid number → `Grid`, where BMI does not tell cells or mask
-    regrids : (host grid number, floes grid number) → weights made before, from host to floes
+    host_units, floes_units : units of that model's variables, where it reports none or wrong ones
+    host_grids, floes_grids : BMI grid number → `Grid`, where BMI does not give cells or mask
+    regrids : (host grid number, floes grid number) → weights made earlier, from host to floes
     offset : time of the host minus time of the floes [s]; None: their start times are the same moment
     rescue : file for the floes' state if something fails, where the floes have `save_state`
-    show : is given the coupling in words, then each line of the ledger (`print`)
+    show : function called with a description of the coupling, then with each line of the ledger (`print`)
 
     Raises
     ------
     InputError
-        before the run: unknown names, units that do not fit, cells that BMI does not tell, clocks that differ.
+        before the run: unknown names, units that do not fit, cells not given by BMI, clocks that differ.
     CouplingError
-        values that are not finite, a grid that changed, a clock that went back, a model that failed, or
-        that does not answer to begin with.  The line says when, and in the run where the floes' state is.
+        values that are not finite, a grid that changed, a clock that went back, a model that failed or
+        did not answer from the start.  The line gives the time and, during the run, where the floes' state is.
     """
     coupling = Coupling(
         host, floes, every, to_floes, to_host, host_units, floes_units, host_grids, floes_grids, regrids,
@@ -125,13 +125,13 @@ def couple(
 
 @final
 class Coupling:
-    """A host and a floe model with what connects them; parameters as for `couple`.
+    """A host and a floe model with their connections; parameters as for `couple`.
 
     Attributes
     ----------
     to_floes, to_host : the connections
-    unmatched : inputs of either model that nobody fills
-    ledger : one `Exchange` each, so far
+    unmatched : inputs of either model that are not filled
+    ledger : one `Exchange` per exchange so far
 
     Raises
     ------
@@ -195,12 +195,12 @@ class Coupling:
             if name not in filled
         )
         self._turnover = 0.0
-        self._begun: float | None = None  # of the floes, at the last `remember` [s]
-        self._unbooked: _Unbooked | None = None  # what the host was given last, until it is booked
+        self._begun: float | None = None  # time of the floes at the last `remember` [s]
+        self._unbooked: _Unbooked | None = None  # last exchange given to the host, until booked
         self.ledger: list[Exchange] = []
 
     def _refuse_idle(self, regrids: Mapping[tuple[int, int], Regrid]) -> None:
-        """InputError for units, grids or weights of a variable or grid that is nowhere: they were meant for another."""
+        """InputError for units, grids or weights of a variable or grid that does not exist, which must be a mistake."""
         for side in (self.host, self.floes):
             side.refuse_idle_units()
             side.refuse_idle_grids()
@@ -215,7 +215,7 @@ class Coupling:
     def _connect(
         self, giver: Side, taker: Side, explicit: Mapping[str, str | Link | None]
     ) -> list[Connection]:
-        """How the inputs of the taker are filled: as it was said, else by the giver's output of the same name."""
+        """Connect the inputs of the taker: as given, else to the giver's output of the same name."""
         for name in explicit:
             if not is_word(name, taker.inputs):
                 raise InputError(
@@ -236,7 +236,7 @@ class Coupling:
         return connections
 
     def _regrid(self, pair: tuple[int, int], names: tuple[str, str]) -> Regrid | None:
-        """Weights between a grid of the host and one of the floes; None where they are the same cells."""
+        """Weights between a grid of the host and one of the floes; None if they have the same cells."""
         if pair not in self._regrids:
             source, target = self.host.know_grid(names[0]), self.floes.know_grid(names[1])
             all_wet = source.wet.all() and target.wet.all()
@@ -257,7 +257,7 @@ class Coupling:
     # ---- running -----------------------------------------------------------------------------------
 
     def run(self, until: float, show: Callable[[str], object] | None = None) -> list[Exchange]:
-        """Exchange until a time of the floes' clock [s]; returns the ledger so far.  Raises as `couple` does."""
+        """Run exchanges until a time of the floes' clock [s]; returns the ledger so far.  Raises as `couple` does."""
         if not (show is None or callable(show)):
             raise InputError(f"couple: show = {in_line(show)}: must be a function, such as print")
         show = show or (lambda line: None)
@@ -276,7 +276,7 @@ class Coupling:
 
     @contextmanager
     def _shown(self, show: Callable[[str], object]) -> Iterator[None]:
-        """Show the lines that the ledger gets in here, also where something fails after an exchange."""
+        """Show the lines added to the ledger in the body, even if something fails after an exchange."""
         known = len(self.ledger)
         try:
             yield
@@ -285,7 +285,7 @@ class Coupling:
                 show(str(line))
 
     def _count(self, until: float) -> tuple[int, float]:
-        """How many exchanges there are until a time, and the time now [s]; InputError for a time that cannot be reached."""
+        """Number of exchanges until a time, and the time now [s]; InputError for a time that cannot be reached."""
         _check_time(until)
         start = self.floes.time()
         count = round((until - start) / self.every)
@@ -303,7 +303,7 @@ class Coupling:
         return count, start
 
     def exchange(self, until: float) -> Exchange:
-        """One exchange, to a time of the floes' clock [s]; CouplingError, in one line, if anything fails in it."""
+        """Make one exchange, to a time of the floes' clock [s]; CouplingError, in one line, if anything fails."""
         _check_time(until)
         begin, number = "", len(self.ledger) + 1
         try:
@@ -330,20 +330,20 @@ class Coupling:
         self._step_host(_Unbooked(until, until - now, stress, before))
 
     def _step_host(self, exchange: _Unbooked) -> None:
-        """Let the host feel what it was given, and book it, also if the host fails right after its step."""
+        """Advance the host with the stress that it was given, and book it, even if the host fails right after its step."""
         self._unbooked = exchange
         try:
             self.host.update_until(exchange.time + self.offset, self.every)
         except Exception:
-            with suppress(Exception):  # the first error is the one to tell
+            with suppress(Exception):  # report the first error
                 self._book()
             raise
         self._book()
 
     def _book(self) -> None:
-        """Add the line of the last exchange to the ledger, once the host's clock says that the host has felt it.
+        """Add the line of the last exchange to the ledger, once the host's clock shows that it was completed.
 
-        What the models cannot say of themselves, because they fail, is left open in it.
+        Values that a failing model cannot give are left open.
         """
         exchange = self._unbooked
         if exchange is None:
@@ -356,7 +356,7 @@ class Coupling:
             after = self._accounts()
             change = {name: after[name] - before[name] for name in before.keys() & after.keys()}
         finally:
-            self._turnover += stress.turned  # what fails and is made up for counts once
+            self._turnover += stress.turned  # an exchange repeated after a failure counts once
             self._unbooked = None
             line = Exchange.balanced(
                 len(self.ledger) + 1, time, duration,
@@ -367,10 +367,10 @@ class Coupling:
             self.ledger.append(line)
 
     def _save(self) -> str:
-        """Save the floes' state after a failure; what came of it, in words."""
+        """Save the floes' state after a failure; returns the outcome in words."""
         try:
             place = f"floes at {self.floes.time():g} s"
-        except Exception:  # noqa: BLE001  the floes are gone; the first error is the one to tell
+        except Exception:  # noqa: BLE001  the floes are gone; report the first error
             return "floes do not answer"
         save = getattr(self.floes.model, "save_state", None)
         if save is None or self.rescue is None:
@@ -382,13 +382,12 @@ class Coupling:
         return f"{place}, their state saved in {self.rescue}"
 
     def _catch_up(self) -> None:
-        """After a fault the floes may stand one exchange ahead: give the host what it has missed, and book it.
+        """If the floes are one exchange ahead after a fault, give the host what it has missed, and book it.
 
-        Where this coupling began that exchange, it knows what the running integrals were then; else what the floes give as
-        the mean over their last update is taken.  What the floes have become in it nobody knows any more; the line leaves
-        that out.
+        If this coupling began that exchange, it knows the running integrals at its start; else the floes' mean over their
+        last update is used.  The change of the floes in that exchange is no longer known; the line leaves it out.
         """
-        self._book()  # what a host felt that did not answer any more is told by its clock now
+        self._book()  # the clock of a host that did not answer now shows whether it completed its step
         now, host_now = self.floes.time(), self.host.time()
         if same_time(host_now, now + self.offset, self.every):
             return
@@ -414,9 +413,9 @@ class Coupling:
         self._begun = self.floes.time()
 
     def _give_back(self, duration: float, known: bool = True) -> _Impulse:
-        """Give the host the means over an exchange [s].  The floes lost it once, however many inputs take it.
+        """Give the host the means over an exchange of this duration [s]; an impulse counts once, however many inputs take it.
 
-        known : whether running integrals were remembered as the exchange began; else the floes' own means are taken
+        known : whether running integrals were remembered at the start of the exchange; else the floes' own means are used
         """
         given, taken, missed, turned = np.zeros(2), np.zeros(2), np.zeros(2), 0.0
         axes: set[int] = set()
@@ -433,14 +432,14 @@ class Coupling:
                 axes.add(axis)
             elif axis is not None and not of_water and BOTTOM in source:
                 unseen.add(axis)
-        for axis in {0, 1} - axes:  # nobody has counted what the floes took from the water
+        for axis in {0, 1} - axes:  # the impulse that the floes took from the water is unknown
             given[axis] = missed[axis] = np.nan
             if axis in unseen:
                 taken[axis] = np.nan
         return _Impulse(given, taken, missed, axes, turned)
 
     def _accounts(self) -> dict[str, np.ndarray]:
-        """Running totals that the models offer [N s]."""
+        """Running totals that the models provide [N s]."""
         totals = {}
         of_x = MOMENTUM.format(a="x")
         for side in (self.host, self.floes):
@@ -469,7 +468,7 @@ def _check_time(until: float) -> None:
 
 
 class _Impulse(NamedTuple):
-    """Of ice on water in one exchange: on the floes' grid, on the host's, lost between them [N s]."""
+    """Impulse of ice on water in one exchange: on the floes' grid, on the host's, lost between them [N s]."""
 
     given: np.ndarray
     taken: np.ndarray
@@ -479,7 +478,7 @@ class _Impulse(NamedTuple):
 
 
 class _Unbooked(NamedTuple):
-    """An exchange that the host was given: its end and length [s], its impulse, and the accounts before it [N s]."""
+    """An exchange given to the host: its end and length [s], its impulse, and the accounts before it [N s]."""
 
     time: float
     duration: float

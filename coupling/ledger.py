@@ -1,18 +1,18 @@
-"""The ledger of momentum between a host and the ice, a line for each exchange, whoever couples them.
+"""The ledger of momentum between a host and the ice, one line per exchange, for every kind of coupling.
 
 Per axis [N s]:
 
     from host    taken by the floes from the water, on their own grid:  −Σ A ΔJ
     to host      put into the host's cells:                              Σ A_host F Δt
-    undelivered  of −from host, what found no wet cell of the host
+    undelivered  part of −from host without a wet cell of the host
     exchange     from host + to host + undelivered = 0                                   (a residual)
     floes        change in the floes' momentum
     other        given to the floes by all else: wind, walls, fixed floes, Coriolis …
-    budget       floes − from host − other + what the floes' own grid could not deliver = 0  (a residual)
+    budget       floes − from host − other + impulse undelivered on the floes' own grid = 0  (a residual)
 
     host         change in the momentum of the host's water
 
-What a model does not offer is left open, and so is `budget` without `floes` and `other`.
+Values that a model does not provide are left open, and so is `budget` without `floes` and `other`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ import numpy as np
 
 
 class Exchange(NamedTuple):
-    """One line of the ledger; pairs are (x, y) [N s], None where no model says it (see the module's text).
+    """One line of the ledger; pairs are (x, y) [N s], None where no model provides them (see the module's text).
 
-    The first four are NaN along an axis whose stress on the water the host takes in another way than per cell area; where it
-    takes none, all but `to_host`, which is 0.
+    The first four are NaN along an axis whose stress on the water the host takes in a form other than per cell area; where
+    it takes none, all but `to_host`, which is 0.
     """
 
     number: int
@@ -64,8 +64,8 @@ class Exchange(NamedTuple):
         Parameters
         ----------
         given, taken, missed : of ice on water: on the floes' grid, on the host's, lost between them
-        no_water : of ice on water, what the floes' own grid could not deliver; None: nothing
-        seen : whether `given` is all that the water got along both axes; else the budget is left open
+        no_water : of ice on water, undelivered on the floes' own grid; None: nothing
+        seen : whether `given` is the complete impulse on the water along both axes; else the budget is left open
         """
         budget = None
         if floes is not None and other is not None and seen:
@@ -87,7 +87,7 @@ class Exchange(NamedTuple):
 
     @property
     def relative(self) -> float:
-        """The larger residual over the turnover; NaN where the stress of an axis is not seen."""
+        """The larger residual over the turnover; NaN where the stress along an axis is unknown."""
         worst = np.abs(self.exchange_residual).max()
         if self.budget_residual is not None:
             worst = max(worst, np.abs(self.budget_residual).max())

@@ -1,4 +1,4 @@
-"""One of the two models of a coupling, asked through BMI only; what it says is checked."""
+"""One of the two models of a coupling, used through BMI only; its answers are checked."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from floebmi.grid import Grid
 if TYPE_CHECKING:
     import cf_units
 
-PART = 250_000  # values that a message of gRPC has room for, 4 MiB, with their indices
-SAME_TIME = 1e-9  # of an exchange interval, beside what a clock can tell at all
+PART = 250_000  # values, with their indices, that fit into a gRPC message of 4 MiB
+SAME_TIME = 1e-9  # of an exchange interval, in addition to the resolution of a clock
 
 
 class CouplingError(RuntimeError):
-    """A model failed in the middle of a coupled run; the line says which, when, and where the state is."""
+    """Failure of a model in a coupled run; the line says which, when, and where the state is."""
 
 
 @contextmanager
 def in_one_line(where: str) -> Iterator[None]:
-    """A model that fails in here, or whose process is gone, is told of in one line."""
+    """Report in one line a model that fails in the body, or whose process is gone."""
     try:
         yield
     except InputError:
@@ -37,12 +37,12 @@ def in_one_line(where: str) -> Iterator[None]:
 
 
 def same_time(one: float, other: float, every: float) -> bool:
-    """Whether two times [s] are one, but for round-off: a clock that counts from long ago has coarse seconds."""
+    """Whether two times [s] are equal up to round-off; a clock that counts from long ago has coarse seconds."""
     return abs(one - other) <= SAME_TIME * every + 8 * np.spacing(max(abs(one), abs(other)))
 
 
 def first_line(error: Exception) -> str:
-    """What an error says, without what a server adds below it."""
+    """The first line of an error, without what a server adds below it."""
     details = getattr(error, "details", None)  # where gRPC has its text
     text = str(details() if callable(details) else error) or type(error).__name__
     return text.splitlines()[0]
@@ -55,14 +55,14 @@ def is_too_long(error: Exception) -> bool:
 
 
 class Side:
-    """One of the two models, asked through BMI only; what it says is checked.
+    """One of the two models, used through BMI only; its answers are checked.
 
     Parameters
     ----------
     name : "host" or "floes"
     model : initialized
-    units : of variables that do not tell them, or tell them wrong
-    grids : BMI grid number → `Grid`, where BMI does not tell cells or mask
+    units : of variables that report none or wrong ones
+    grids : BMI grid number → `Grid`, where BMI does not give cells or mask
 
     Attributes
     ----------
@@ -82,24 +82,24 @@ class Side:
             self._second = in_seconds(model.get_time_units(), name)
 
     def title(self) -> str:
-        """Its name here and that of the component."""
+        """The name of this side and that of the component."""
         return f"{self.name} {self.model.get_component_name()!r}"
 
     def time(self) -> float:
-        """What its clock shows [s]."""
-        # float: a clock in single precision would have all that is reckoned with it in single precision
+        """The time of its clock [s]."""
+        # float: a time in single precision would make all further arithmetic single precision
         return float(self.model.get_current_time()) * self._second
 
     def start_time(self) -> float:
-        """When its clock began [s]."""
+        """The start time of its clock [s]."""
         return float(self.model.get_start_time()) * self._second
 
     def end_time(self) -> float:
-        """Until when it can run [s]."""
+        """The latest time that it can reach [s]."""
         return float(self.model.get_end_time()) * self._second
 
     def update_until(self, time: float, every: float) -> None:
-        """Update it to a time [s], step by step if it has no update_until; InputError if it does not land there.
+        """Update it to a time [s], step by step if it has no update_until; InputError if it does not stop there.
 
         every : the exchange interval [s]
         """
@@ -120,11 +120,11 @@ class Side:
             )
 
     def units(self, name: str) -> str:
-        """UDUNITS text, empty if nobody tells it."""
+        """UDUNITS text, empty if unknown."""
         return self._units.get(name) or self.model.get_var_units(name) or ""
 
     def unit(self, name: str) -> cf_units.Unit:
-        """The unit of a variable; InputError for units that are none."""
+        """The unit of a variable; InputError for invalid units."""
         cure = f"; say them with {self.name}_units={{{name!r}: …}}"
         return read(self.units(name), f"{name} of the {self.name}", cure)
 
@@ -133,7 +133,7 @@ class Side:
         return self.model.get_var_grid(name)
 
     def size(self, name: str) -> int:
-        """How many values a variable has."""
+        """Number of values of a variable."""
         return self.model.get_var_nbytes(name) // self.model.get_var_itemsize(name)
 
     def get(self, name: str) -> np.ndarray:
@@ -159,11 +159,11 @@ class Side:
         return given.astype(np.float64)
 
     def pair(self, template: str) -> np.ndarray:
-        """The scalar outputs along x and y whose names have x and y in the place of {a}: (2,)."""
+        """The scalar outputs along x and y, with x and y in place of {a} in the name: (2,)."""
         return np.array([self.get(template.format(a=a))[0] for a in "xy"])
 
     def know_grid(self, name: str) -> Grid:
-        """The cells of a variable; made once, and watched from then on."""
+        """The cells of a variable; made once, and watched for changes from then on."""
         number, location = self.grid_number(name), self.model.get_var_location(name)
         key = number, location
         if key not in self._grids:
@@ -180,7 +180,7 @@ class Side:
         return self._grids[key][0]
 
     def refuse_idle_units(self) -> None:
-        """Units that were given for a name that no variable has."""
+        """InputError for units given for a name that no variable has."""
         names = (*self.inputs, *self.outputs)
         for name in self._units:
             if not is_word(name, names):
@@ -190,7 +190,7 @@ class Side:
                 )
 
     def refuse_idle_grids(self) -> None:
-        """InputError for a grid that was given for a number that no variable has."""
+        """InputError for a grid given for a number that no variable has."""
         if not self._given:
             return
         numbers = sorted({self.grid_number(name) for name in (*self.inputs, *self.outputs)})
@@ -202,7 +202,7 @@ class Side:
                 )
 
     def refuse_changed_grids(self) -> None:
-        """InputError if a grid is not what it was when `know_grid` first asked for it."""
+        """InputError if a grid has changed since `know_grid` first requested it."""
         for (number, location), (_, known, name) in self._grids.items():
             if digest(told_of(self.model, number, location)) != known:
                 raise InputError(

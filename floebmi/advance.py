@@ -1,12 +1,12 @@
-"""From one exchange to the next: pack, list neighbours, step, and again until the time is reached.
+"""One exchange interval: pack the floes, list neighbours, take steps; renew the list as often as needed.
 
-    look       pack the floes, with the list that the last exchange kept or a fresh one, and find the contact forces
-    run        let floes in and out; then take steps until floes have strayed so far that something must be looked at
-               anew (`_renew`: what sets the step, or the list, or floes that come and go), and go on
-    finish     put floes and state back, keep the list, book what walls, held floes, friction … gave and took
+    look       pack the floes, with the list that the last exchange kept or a new one, and compute the contact forces
+    run        let floes in and out; then take steps, and renew what expires when floes have moved too far
+               (`_renew`: the limit on the step, the list, floes that enter and leave), until the time is reached
+    finish     copy back floes and state, keep the list, book the gains and losses by walls, held floes, friction …
 
-What happens here is a function of the state alone: floes, what contacts remember, walls, and where the list of
-neighbours was made (kept.py).  So a run that stops and restarts at an exchange goes on with the same bits.
+The result is a function of the state alone: floes, memory of contacts, walls, and where the list of
+neighbours was made (kept.py).  So a run that is restarted at an exchange continues with the same bits.
 """
 
 import math
@@ -51,29 +51,28 @@ from floebmi.taylor import taylor
 from floebmi.threads import verlet_in_threads
 
 DRAG_RESOLUTION = 1.0  # largest |J| Δt of the other forces in one sub-step
-MOST_STEPS = 1e12  # of one exchange: they would take hours for a single floe
+MOST_STEPS = 1e12  # in one exchange: they would take hours for a single floe
 
 
 class Advance:
-    """The floes packed, with their list of neighbours: to look at, or to run one exchange interval from.
+    """The packed floes with their list of neighbours: for diagnostics, or to run one exchange interval.
 
-    `look` comes first.  What it finds is what `run` starts with, so whoever has looked has done part of
-    the work.
+    `look` comes first.  `run` starts from its result, so diagnostics before a run cost nothing extra.
 
-    The list holds all pairs that may touch before two floes have come nearer to each other by its skin; the step is
-    found from the pairs that may touch before two floes have come nearer by its closing (see listing.py).
+    The list holds all pairs that may touch before two floes have approached each other by its skin; the step follows
+    from the pairs that may touch before two floes have approached by its closing (see listing.py).
 
     Attributes
     ----------
     packed : the floes in a kernel's order; order : their numbers in the tables of the forces
     pairs, listed : the list of pairs, and where and how widely it was made
-    lists, walls : its tiles and short lists, and who is near a wall
-    room, travelled : how far floes may stray until the list is stale, and how far they have [m]
-    tested : pairs tested to make the list; None of one that was kept, and counted before
-    near : whether the short lists are of the present place
-    before : how the floes fare now (`survey.Survey`), and next steps begin
-    at : table of each force, while it runs
-    held, lost, liveliest : sums of `dynamics.Books` on the way, and the highest kinetic energy [J]
+    lists, walls : its tiles and short lists, and the floes near walls
+    room, travelled : displacement at which the list becomes stale, and displacement so far [m]
+    tested : pairs tested to make the list; None for a kept list, which was counted before
+    near : whether the short lists are of the present positions
+    before : `survey.Survey` of the floes now, at the start of the next steps
+    at : table of each force, during a run
+    held, lost, liveliest : sums of `dynamics.Books` so far, and the highest kinetic energy [J]
     lag : of the other forces behind the floes, see `dynamics.time_to_push`
     """
 
@@ -97,7 +96,7 @@ class Advance:
         self.forces = forces
         self.density = density
         self.period = domain.period
-        # only a pack without walls and edges may drift as a whole without a fresh list
+        # only a pack without walls and edges may drift as a whole without a new list
         self.still = bool(len(state.walls)) or None in self.period
         self.held, self.lost, self.liveliest = np.zeros(3), np.zeros(5), 0.0
         self.lag = np.zeros(2)
@@ -106,7 +105,7 @@ class Advance:
     # ---- packing and the list ----------------------------------------------------------------------
 
     def look(self, kept: Kept | None) -> None:
-        """Pack the floes, with a list that was kept or a fresh one, and find the forces they begin with."""
+        """Pack the floes, with a kept list or a new one, and compute the initial forces."""
         if kept is None:
             self._list_anew(self.state.memory)
         else:
@@ -114,7 +113,7 @@ class Advance:
         self._touch()
 
     def _list_anew(self, old: Memory) -> None:
-        """Pack the floes, and list their neighbours where they are now; old : what pairs remember so far."""
+        """Pack the floes, and list their neighbours at the present positions; old : memory of the pairs so far."""
         begin = work_clock()
         self.packed = self._pack(*in_space(self.floes, self.domain.origin, self.state.remainder))
         self._list(self.state.walls.position.copy(), old)
@@ -125,7 +124,7 @@ class Advance:
         self._mark(self.packed.first_x, self.packed.first_y)
 
     def _go_on(self, kept: Kept) -> None:
-        """Pack the floes in the order of a list that holds for them."""
+        """Pack the floes in the order of a kept list that is valid for them."""
         pairs, number = self.state.memory
         here = places(self.floes, number, self.domain.origin, self.state.remainder)
         if kept.packed is None:
@@ -138,11 +137,11 @@ class Advance:
         self.tested = None
         self.room, self._stiffest, self.before = kept.room, kept.stiffest, kept.survey
         self._mark(self.packed.first_x, self.packed.first_y, kept.travelled)
-        if self._stiffest is None:  # it will be found for where the floes are now
+        if self._stiffest is None:  # it will be computed for the present positions
             self._mark_anew()
 
     def list_again(self, marks: Marks) -> None:
-        """Make the list of a restart file anew, where it has one, and keep it for floes as they are now."""
+        """Rebuild the list of a restart file, if it has one, and keep it for the floes as they are now."""
         if not len(marks.way):
             return
         number, x, y, walls, (room, travelled), stiffest = marks
@@ -160,7 +159,7 @@ class Advance:
         return pack(self.floes, number, x, y, self.density, state.previous, self.domain.origin)
 
     def _list(self, positions: np.ndarray, old: Memory) -> None:
-        """List the neighbours of the floes where they are packed, with the walls at these positions [m]."""
+        """List the neighbours of the floes at their packed positions, with the walls at the given ones [m]."""
         self.tested: int | None
         self.listed, self.pairs, self.lists, self.tested = list_neighbours(
             self.packed, self.contact, self.period, self.state.walls, positions, old, len(self.floes)
@@ -168,11 +167,11 @@ class Advance:
         self._meet_walls()
 
     def memory(self) -> Memory:
-        """What the pairs remember now."""
+        """The memory of the pairs now."""
         return Memory(self.pairs, self.packed.number)
 
     def _keep(self) -> None:
-        """Leave the list to the next exchange, with what its pairs remember; from here on nobody may change these arrays."""
+        """Keep the list and its memory for the next exchange; these arrays must not be changed afterwards."""
         self.state.memory = self.memory()
         self.state.kept = Kept(
             self.listed, self.lists, self.room, self.travelled, self._stiffest, self.floes.copy(),
@@ -181,7 +180,7 @@ class Advance:
 
     @property
     def stiffest(self) -> Stiffest:
-        """What sets the step until floes have strayed further; found when it is asked for."""
+        """The limit on the step until floes have moved further; computed on demand."""
         if self._stiffest is None:
             begin = work_clock()
             walls = self.walls._replace(walls=self.state.walls)
@@ -192,7 +191,7 @@ class Advance:
         return self._stiffest
 
     def _begin(self) -> None:
-        """What steps need besides the list."""
+        """Prepare what steps need besides the list."""
         if self.before is None:
             self.before = Survey(*survey(self.packed))
         self.liveliest = max(self.liveliest, self.before.energy)
@@ -204,7 +203,7 @@ class Advance:
             counters.listed += len(self.pairs.i)
 
     def _rate_of_forces(self) -> np.ndarray:
-        """Bound on |J| of the other forces [1/s], for each block of floes: it sets their sub-steps."""
+        """Bound on |J| of the other forces [1/s] for each block of floes, which sets their sub-steps."""
         p = self.packed
         n = len(p.number)
         if not self.forces or not n or self.step.scheme != "verlet":
@@ -221,20 +220,20 @@ class Advance:
         return rate.reshape(-1, BLOCK).max(axis=1)
 
     def _mark(self, x: np.ndarray, y: np.ndarray, travelled: float = 0.0) -> None:
-        """Remember places x, y and those of the walls: how far floes stray is counted from them.
+        """Measure displacements from positions x, y and from the present ones of the walls.
 
-        travelled : how far they had strayed by then, in earlier exchanges [m]
+        travelled : displacement up to then, in earlier exchanges [m]
         """
         self.marked = Marked(x, y, self.state.walls["position"].copy(), travelled, self.still)
         self.travelled = travelled
 
     def _mark_anew(self) -> None:
-        """Take the way so far from the room that is left, and count from the present places on."""
+        """Subtract the displacement so far from the room, and measure from the present positions on."""
         self.room -= self.travelled
         self._mark(self.packed.floes["x"].copy(), self.packed.floes["y"].copy())
 
     def _stray_on(self) -> bool:
-        """Whether the list of pairs still has room; if so, it is kept, and only what sets the step is to be found anew."""
+        """Whether the list of pairs still has room; if so, it is kept, and only the limit on the step is renewed."""
         if self.room - self.travelled <= 0.5 * self.listed.closing:
             return False
         self._mark_anew()
@@ -242,7 +241,7 @@ class Advance:
         return True
 
     def _meet_walls(self) -> None:
-        """Room for what happens between walls and the floes that are listed near them."""
+        """Allocate the contacts between walls and the floes listed near them."""
         floe, number = self.listed.wall_floe, self.listed.wall_number
         dashpot = self.wall_law is not None and self.wall_law.dashpot is not None
         self.walls = Walls(
@@ -254,26 +253,26 @@ class Advance:
         return Laws(self.contact, self.wall_law, *self.period)
 
     def _touch(self) -> None:
-        """The forces at the present place, and who is near; no time has passed, so there is nothing to book."""
-        if len(self.pairs.i) or len(self.state.walls):  # else there is nothing that could touch
+        """Compute the forces and short lists at the present positions; no time passes, so nothing is booked."""
+        if len(self.pairs.i) or len(self.state.walls):  # else nothing can touch
             touch_all(
                 self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers
             )
-        self.near = True  # the short list is of the present place
+        self.near = True  # the short list is of the present positions
 
     def _books(self) -> Books:
         parts = len(self.lists.tiles.parts) - 1
         return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
 
     def finish(self) -> None:
-        """Put everything back into the floes and the state, and book what the ice gained and lost."""
+        """Copy everything back into the floes and the state, and book the gains and losses of the ice."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         self.domain.bring_back(self.floes.x, self.floes.y)
         self._keep()
         self._book()
 
     def _renew(self) -> None:
-        """Floes have strayed: who comes and goes, and does the list last?  If not, list them anew."""
+        """Let floes in and out, and rebuild the list unless it still holds."""
         unpack(self.packed, self.floes, self.state.previous, self.state.remainder)
         gone, new = self._come_and_go()
         if len(gone) or len(new) or not self._stray_on():
@@ -281,14 +280,14 @@ class Advance:
             self._list_with(gone, new)
 
     def _come_and_go(self) -> tuple[np.ndarray, np.ndarray]:
-        """Floes beyond an inactive edge become inactive, and feeders add new ones: the numbers of both."""
+        """Deactivate floes beyond an inactive edge, and add new ones from the feeders; returns the numbers of both."""
         gone = leaving(self.floes, self.domain)
         self.floes.active[gone] = False
         added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
         return gone, np.concatenate(added) if added else np.empty(0, np.int64)
 
     def _list_with(self, gone: np.ndarray, new: np.ndarray) -> None:
-        """List anew without floes that have left, and with new ones."""
+        """Rebuild the list without floes that have left, and with new ones; book both."""
         elastic = self.kept_energy() if len(gone) else 0.0
         if len(new):
             self.state.fit(len(self.floes))
@@ -307,7 +306,7 @@ class Advance:
             self.state.ledger.book("inflow", *stock)
 
     def _reorder(self) -> None:
-        """The tables of the forces follow the floes into another order; those who have left come last."""
+        """Bring the tables of the forces into the new order of the floes; those that have left come last."""
         place = np.full(len(self.floes), -1)
         place[self.order] = np.arange(len(self.order))
         left = np.flatnonzero(self._among(self.order) & ~self._among(self.packed.number))
@@ -315,7 +314,7 @@ class Advance:
         self.at = tuple(in_order(at, place[self.order]) for at in self.at)
 
     def _among(self, number: np.ndarray) -> np.ndarray:
-        """Which floes are those of these numbers, (n,) bool."""
+        """Mask of the floes with these numbers, (n,) bool."""
         among = np.zeros(len(self.floes), bool)
         among[number] = True
         return among
@@ -323,7 +322,7 @@ class Advance:
     def _extrapolate_anew(self) -> None:
         """Let `taylor3` extrapolate from the present forces instead of those of the last step.
 
-        Among those are contacts with floes that have left since: their end would act on one floe of the pair alone.
+        The latter include contacts with floes that have since left; their end would act on one floe of the pair only.
         """
         previous, force, walls = self.packed.previous, self.packed.force, self.state.walls
         if previous is None:
@@ -345,9 +344,9 @@ class Advance:
     def run(self, duration: float, at: Sequence[np.ndarray], time: float) -> None:
         """Advance by `duration` seconds from `time`, exactly.
 
-        at : table of each force, by block of the packed floes; what it gives to them is booked in there, or in those
-            that `at` and `order` are then, if floes were listed anew
-        The floes must be as they were when `look` looked; a second run needs another look.
+        at : table of each force, by block of the packed floes; its impulse and work are booked in it, or, if the list
+            was rebuilt, in the tables that the attributes `at` and `order` then hold
+        The floes must be unchanged since `look`; a second run needs another `look`.
         """
         self.at, self.order, self.time = tuple(at), self.packed.number, time
         self._begin()
@@ -364,7 +363,7 @@ class Advance:
     def seconds_per_step(
         self, at: Sequence[np.ndarray], steps: int, without: Literal["contacts", "forces"] | None
     ) -> float:
-        """See `Model.seconds_per_step`; what the steps change stays changed, the caller goes back to what was before."""
+        """See `Model.seconds_per_step`; the caller must undo the changes made by the steps."""
         self.at, self.order, self.time = tuple(at), self.packed.number, math.nan
         self._begin()
         if self._strayed_far():
@@ -376,16 +375,16 @@ class Advance:
             self.listed = self.listed._replace(wall_floe=nobody, wall_number=nobody)
             self._meet_walls()
         if without == "forces":
-            self.lag[:] = -math.inf, math.inf  # ahead for ever
+            self.lag[:] = -math.inf, math.inf  # always ahead
         begin = work_clock()
         taken = self._kernel(self.state.counters.last_step, steps)
         return (work_clock() - begin) / taken
 
     def _some_steps(self, done: float, duration: float) -> float:
-        """Steps until the time is reached or the list may be stale; returns the time reached."""
+        """Take steps until the time is reached or the list may be stale; returns the time reached [s]."""
         dt, steps = self._steps_for(duration - done, done)
         taken = 0
-        self._check_pace(self.before, dt, done)  # what drag does to a floe too fast takes for ever
+        self._check_pace(self.before, dt, done)  # drag on a floe too fast needs endless sub-steps
         if self.step.scheme == "verlet":
             part = DRAG_RESOLUTION / self.rate.max(initial=1e-300)
             self._refuse_too_many("sub-steps of drag or Coriolis", part, duration - done, done)
@@ -407,16 +406,16 @@ class Advance:
         dt = self.longest_step()
         told = self.step.length is not None or self.step.epsilon is not None
         if not told and self.contact is None:
-            # nothing else says how long a way at one velocity may be
+            # nothing else limits the displacement at one velocity
             dt = min(dt, DRAG_RESOLUTION / self.rate.max(initial=1e-300))
         self._refuse_too_many("steps", dt, rest, done)
-        if told:  # a shorter one ends the interval
+        if told:  # a shorter step ends the interval
             return min(dt, rest), max(1, int(rest / dt + 1e-9))
         steps = max(1, int(np.ceil(rest / dt - 1e-9)))
         return rest / steps, steps
 
     def _strayed_far(self) -> bool:
-        """Whether floes have strayed so far that something has to be looked at anew."""
+        """Whether floes have moved so far that the list or the limit on the step must be renewed."""
         return self.travelled > NEARLY * self._reach()
 
     def _refuse_too_many(self, what: str, length: float, rest: float, done: float) -> None:
@@ -427,7 +426,7 @@ class Advance:
             )
 
     def _reach(self) -> float:
-        """How far floes may stray from their marks [m] before something has to be looked at anew."""
+        """Displacement of floes from their marks [m] at which the list or the limit on the step expires."""
         bounded = self.contact is not None and self.listed.closing > 0.0
         return min(self.room, 0.5 * self.listed.closing) if bounded else self.room
 
@@ -435,12 +434,12 @@ class Advance:
         if self.packed.land.all():  # also where there are no floes
             return np.inf
         if self.contact is None:
-            # the list only serves the edges: a floe may go a tenth of the domain beyond
+            # the list only serves the edges: a floe may move a tenth of the domain beyond them
             return 0.05 * float(np.sqrt(self.domain.area))
         return 0.5 * self.listed.skin
 
     def _kernel(self, dt: float, steps: int) -> int:
-        """Take some steps, until the list may be stale; returns how many."""
+        """Take up to `steps` steps, until the list may be stale; returns the number taken."""
         books = self._books()
         scene = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
         room = self.travelled, self._reach()
@@ -470,7 +469,7 @@ class Advance:
         counters.last_step = dt
 
     def _check(self, seen: Survey, dt: float, done: float) -> None:
-        """Stop, before anything is handed on, when the floes left what the step resolves."""
+        """Stop, before any result is passed on, if the step no longer resolves the motion."""
         p = self.packed
         when = f"at t = {self.time + done:g} s with a step of {dt:g} s"
         if not seen.finite:
@@ -485,14 +484,14 @@ class Advance:
         self.liveliest = max(self.liveliest, seen.energy)
         before, self.before = self.before, seen
         if self.contact is not None:
-            # a contact may have stopped it
+            # a contact may have stopped the fastest floe
             self._check_pace(max(seen, before, key=lambda each: each.pace), dt, done)
             self._check_walls(when)
-            if self.contact.failure is None:  # else floes raft: one lies over the other
+            if self.contact.failure is None:  # else floes raft, one over the other
                 self._check_overlaps(when)
 
     def _check_pace(self, seen: Survey, dt: float, done: float) -> None:
-        """Stop where a floe would miss another on its way, or has missed it."""
+        """Stop if a floe moves so far in a step that it may pass through another."""
         way = seen.pace * dt
         if self.contact is not None and way > 0.5:
             speed = seen.pace * self.packed.floes[seen.which]["r"]
@@ -524,7 +523,7 @@ class Advance:
         place = np.where(along_x, p.floes["x"][floe], p.floes["y"][floe])
         passed = walls["side"] * (walls["position"] - place)
         held = np.where(along_x, p.inverse_x[floe], p.inverse_y[floe]) == 0.0
-        passed[held & (walls["inverse_mass"] == 0.0)] = 0.0  # both are where they are told to be
+        passed[held & (walls["inverse_mass"] == 0.0)] = 0.0  # the motion of both is prescribed
         if passed.max(initial=0.0) > 0.0:
             k = int(np.argmax(passed))
             raise StabilityError(
@@ -543,7 +542,7 @@ class Advance:
         )  # fmt: skip
 
     def contacts(self) -> Contacts:
-        """The pairs that push or hold each other, and their forces."""
+        """The pairs that exert forces on each other, and these forces."""
         p, pairs = self.packed, self.pairs
         touching, rows = self._touching()
         i, j = p.number[pairs.i[touching]], p.number[pairs.j[touching]]
@@ -567,23 +566,23 @@ class Advance:
         return energy
 
     def kept_energy(self) -> float:
-        """Elastic energy less what waves hide from the scheme, Δt²/8 Σ|F|²/m (eq. kept-energy) [J]."""
+        """Elastic energy minus Δt²/8 Σ|F|²/m [J], the part that the scheme does not conserve (eq. kept-energy)."""
         press, _ = self._press()
-        if not press:  # the last step may be too long to be squared
+        if not press:  # the square of the last step may overflow
             return self.elastic_energy()
         return self.elastic_energy() - 0.125 * self.state.counters.last_step**2 * press
 
     def _press(self) -> tuple[float, float]:
-        """Σ|F|²/m [N²/kg] and the power Σ F·u [W] of the contact forces; 0 where the scheme keeps no energy."""
+        """Σ|F|²/m [N²/kg] and the power Σ F·u [W] of the contact forces; 0 where the scheme conserves no energy."""
         keeps = self.step.scheme == "verlet" and self.contact is not None
         if not keeps or self.contact.dashpot is not None:
             return 0.0, 0.0
         return pressed(self.packed, self.walls.walls)
 
     def _first_kick(self, dt: float) -> float:
-        """The first half kick [s] of steps of dt: as a run begins, so much longer that it has all its energy.
+        """Duration of the first half kick [s] of steps of dt; at the start of a run, adjusted to conserve its energy.
 
-        (eq. first-kick); steps of a given length stay as they are.
+        (eq. first-kick); steps of a given length are left as they are.
         """
         if self.state.counters.steps or self.step.length is not None:
             return 0.5 * dt
@@ -594,7 +593,7 @@ class Advance:
         return 0.5 * dt + (math.copysign(math.sqrt(left), power) - power) / press
 
     def stock(self) -> np.ndarray:
-        """Mass, momentum and energy of the ice now."""
+        """Mass [kg], momentum x, y [N s] and energy [J] of the ice now."""
         stock = floe_stock(self.floes, self.floes.active, self.density)
         stock[3] += self.kept_energy()
         return stock
@@ -618,7 +617,7 @@ class Advance:
 
 
 def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) -> None:
-    """Floes that have none yet get their own μ and σ_c, lognormal with the law's mean (eq. spread)."""
+    """Draw μ and σ_c of floes that have none yet, lognormal with the law's mean (eq. spread)."""
     for name, (mean, spread) in own(contact).items():
         values = getattr(floes, name)
         new = np.flatnonzero(np.isnan(values))
@@ -627,9 +626,9 @@ def draw_own(floes: Floes, contact: Contact | None, rng: np.random.Generator) ->
 
 
 def floe_stock(floes: Floes, of: np.ndarray, density: float) -> np.ndarray:
-    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; land has none of them."""
+    """Mass [kg], momentum x, y [N s] and kinetic energy [J] of the floes in the mask `of`, (n,) bool; land has none."""
     f, stock = floes, np.empty((4, len(floes)))
     columns = f.radius, f.thickness, f.u, f.v, f.angular_velocity
     stock_of_each(of & ~f.land, *columns, density, stock)
-    # not summed in the kernel, which would round sums alone: opposite momenta cancel to the last bit
+    # summed outside the kernel, whose rounding differs: opposite momenta then cancel to the last bit
     return stock.sum(axis=1)

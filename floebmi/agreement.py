@@ -1,9 +1,9 @@
-"""What a model must have in common with the one whose state it takes up.
+"""Agreement between a model and the state that it restarts from.
 
-A state is of one scene: its forces stand in the cells of one grid, its contacts remember what one kind of law asks for,
-its floes lie in one domain.  So those go with it, as named numbers, and a restart compares them.  Another number in a
-law is a branch of the run: the state is whole, and what its energy or mass changes by is booked as an edit.  It is
-told, though, since it may be a slip.  Forcing, the step and what is written may be others.
+A state belongs to one scene: its fluid fields to the cells of one grid, the memory of its contacts to one kind of law,
+its floes to one domain.  So these are stored with it, as named numbers, and a restart compares them.  A different
+number in a law starts a branch of the run: the state is complete, and the change of its energy or mass is booked as an
+edit.  It is reported, though, since it may be a mistake.  Forcing, the step and the output may differ.
 """
 
 import json
@@ -25,15 +25,15 @@ from floebmi.pairs import wrap
 if TYPE_CHECKING:
     from floebmi.model import Model
 
-_SAME = 1e-9  # relative difference of numbers that rounding may make on another machine
-_SHOWN = 4  # numbers of a row that a line has room for: the bounds of a grid
-_LAWS = "contact", "coriolis", "ice", "walls", "inflow"  # tables in which a number may be another
+_SAME = 1e-9  # relative difference of numbers that rounding may cause on another machine
+_SHOWN = 4  # most numbers of a row shown in a line: the bounds of a grid
+_LAWS = "contact", "coriolis", "ice", "walls", "inflow"  # tables in which a number may differ
 
-_UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi does not have
+_UNCOUNTED = 2  # the last counters, which a restart file of an older floebmi lacks
 
 
 def scene_of(model: "Model") -> str:
-    """What a model has in common with those whose state it takes up, as JSON."""
+    """The properties of a model that must agree with those of a state, as JSON."""
     rows = [*_named("domain", model.domain), *_of_grid("grid", model.grid)]
     if model.atmosphere is not None:
         rows += _of_grid("atmosphere.grid", model.atmosphere.grid)
@@ -50,9 +50,9 @@ def scene_of(model: "Model") -> str:
 
 
 def refuse_unlike(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
-    """InputError if a model in the one state cannot take up the other: it is of another scene, or of a floebmi too old.
+    """InputError if a model in state `mine` cannot restart from `theirs`: another scene, or too old a floebmi.
 
-    Returns in words which numbers of laws are others.
+    Returns in words which numbers of laws differ.
     """
     expected, branched = set(mine), []
     if "scene" in theirs:
@@ -87,7 +87,7 @@ def refuse_unlike(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[st
 
 
 def _named(name: str, value: object) -> Iterator[tuple[str, object]]:
-    """A law, or what else is a tuple with names, in rows of (dotted name, number or text)."""
+    """Rows (dotted name, number or text) of a law or another named tuple."""
     if hasattr(value, "_asdict"):
         yield name, type(value).__name__
         for part, inner in value._asdict().items():
@@ -98,9 +98,9 @@ def _named(name: str, value: object) -> Iterator[tuple[str, object]]:
 
 
 def _of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
-    """Rows of a grid: its shape, where it is, and digests of its corners and of its wet cells."""
+    """Rows of a grid: its shape, its bounds, and digests of its corners and of its wet cells."""
     west, east, south, north = (float(bound) for bound in grid.bounds)
-    # as shares of the whole in integers: the same after rounding
+    # integers, relative to the extent of the grid: not affected by rounding
     x, y = (grid.node_x - west) / (east - west), (grid.node_y - south) / (north - south)
     corners = [np.rint(2.0**24 * place).astype(np.int32) for place in (x, y)]
     yield f"{name}.shape", list(grid.shape)
@@ -110,7 +110,7 @@ def _of_grid(name: str, grid: Grid) -> Iterator[tuple[str, object]]:
 
 
 def _refuse_other_scene(mine: Mapping[str, object], theirs: Mapping[str, object]) -> list[str]:
-    """InputError with the table and key of the first row that differs; other numbers of laws are returned, in words."""
+    """InputError with the table and key of the first row that differs; differing numbers of laws are returned, in words."""
     branched = []
     for name in dict.fromkeys([*mine, *theirs]):
         here, there = mine.get(name), theirs.get(name)
@@ -123,7 +123,7 @@ def _refuse_other_scene(mine: Mapping[str, object], theirs: Mapping[str, object]
         else:
             values = f" = {_text(here)}, the restart's is {_text(there)}"
         words = f"[{table}]{key and f' {key}'}{values}"
-        places = key.endswith(".position")  # of a wall: the state says where it is
+        places = key.endswith(".position")  # of a wall: its position is in the state
         if table in _LAWS and _is_number(here) and _is_number(there) and not places:
             branched.append(words)
         else:
@@ -132,7 +132,7 @@ def _refuse_other_scene(mine: Mapping[str, object], theirs: Mapping[str, object]
 
 
 def refuse_other_coast(mine: Floes, theirs: Floes, domain: Domain) -> None:
-    """InputError if the pieces of coast of two packs are not the same, wherever a period puts them."""
+    """InputError if the pieces of coast of two packs differ, up to shifts by a period."""
     here, there = (np.flatnonzero(floes.motion & LAND) for floes in (mine, theirs))
     if len(here) != len(there):
         raise InputError(
@@ -160,7 +160,7 @@ def _alike(one: object, other: object) -> bool:
 
 
 def _is_number(value: object) -> bool:
-    """Also a row of them, such as measured radii."""
+    """Whether a value is a number, None, or a row of such, as measured radii."""
     if isinstance(value, list):
         return all(map(_is_number, value))
     return value is None or isinstance(value, int | float)

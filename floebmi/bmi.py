@@ -1,12 +1,12 @@
-"""The model as a BMI 2.0 component: what a host sees, and no physics.
+"""The model as a BMI 2.0 component: the interface for hosts, without physics.
 
-A host moves numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
-Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place when it is asked for,
-and from then on after each update, so a pointer that a host took stays right; what no host asks for is not
-computed.  What a user changes in `model.floes` between two updates shows in the outputs that are asked for after that.
-Names, units and signs come from `variables`, and from `bmi_totals` for what is one number for the whole.
+A host exchanges numbers through arrays that are allocated once, at `initialize`, and live until `finalize`.
+Inputs are the model's own arrays (`model.ocean.u` …).  An output is written in place on its first request,
+and from then on after each update, so a host's pointer stays valid; outputs that no host requests are not
+computed.  Edits of `model.floes` between two updates appear in the outputs requested after them.
+Names, units and signs come from `variables`, and from `bmi_totals` for numbers of the whole domain.
 
-The configuration file is a scene, or one table that names a scene and says how a host wants to see it:
+The configuration file is a scene, or one table that names a scene and defines the host's view of it:
 
     [bmi]
     scene = "labrador-sea"            # a packaged name, or a path relative to this file
@@ -18,20 +18,20 @@ The configuration file is a scene, or one table that names a scene and says how 
 
 Cells.  The nodes of a structured grid are the *centres* of cells, order (y, x).  Where a structured BMI
 grid cannot say what the cells are (curvilinear and unstructured exchange grids, or `cells = "faces"`),
-the grid is "unstructured", one face per cell, corners counter-clockwise, numbers
-from 0.  The atmosphere has a grid of its own if the scene gives it one.
+the grid is "unstructured", one face per cell, corners counter-clockwise, numbered
+from 0.  The atmosphere has its own grid if the scene gives it one.
 
-Who drives.  Velocities that the scene lists (constants, files) fill the inputs at `initialize`, and before
-each exchange with those of its middle, as in a run without a host.  A host that writes a velocity of the
-ocean or of the air, by `set_value` or through a pointer, has taken that fluid over: from then on the scene
-leaves it alone.  What nobody sets is still water and no wind.
+Forcing.  Velocities that the scene lists (constants, files) fill the inputs at `initialize`, and before
+each exchange with those at its middle, as in a run without a host.  A host that writes a velocity of the
+ocean or of the air, by `set_value` or through a pointer, takes over that fluid: from then on the scene
+does not fill it.  The default is still water and no wind.
 
 Time.  One exchange is `get_time_step` long, `[time] exchange` of the scene.  `update` makes one;
 `update_until` as many as fit and a shorter last one, and stresses are then means over all of them.
 
-A call that fails raises one line that says all, and leaves the component as it was.
+A call that fails raises an error of one line, and leaves the component unchanged.
 
-This module imports little, so that `floebmi.FloeBmi` can be there as soon as the package is.
+This module imports little, so that `floebmi.FloeBmi` is available as soon as the package is imported.
 """
 
 import os
@@ -55,7 +55,7 @@ from floebmi.variables import VARIABLES, Variable
 if TYPE_CHECKING:
     from floebmi.model import Model
 
-MOST_EXCHANGES = 1e9  # of one update: they would take days without a single floe
+MOST_EXCHANGES = 1e9  # in one update: they would take days without a single floe
 
 
 def table() -> str:
@@ -69,11 +69,11 @@ def table() -> str:
 
 @final
 class FloeBmi(Bmi):
-    """Sea-ice floes as a BMI 2.0 component (see the module's text for grids, time and who drives).
+    """Sea-ice floes as a BMI 2.0 component (see the module's text for grids, forcing and time).
 
     The configuration file is a scene, TOML or YAML, or the name of a packaged one, or a table [bmi] that
-    names one.  Names of variables, their units and types can be asked before `initialize`; a scene then leaves out what it
-    does not model.
+    names one.  Names of variables, their units and types are available before `initialize`; afterwards only those that
+    the scene models.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class FloeBmi(Bmi):
         one line: unknown names and grids, wrong sizes, values that are not finite in wet cells (with the
         variable and the cell), times in the past, calls before `initialize` or after `finalize`.
     StabilityError
-        from an update, if floes leave what the step resolves.
+        from an update, if the step no longer resolves the motion of the floes.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class FloeBmi(Bmi):
     # ---- control ------------------------------------------------------------------------------
 
     def initialize(self, config_file: str) -> None:
-        """Build the scene; outputs are valid from here on.
+        """Build the scene; outputs are valid afterwards.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class FloeBmi(Bmi):
         now.advance(now.model.time + now.step)
 
     def update_until(self, time: float) -> None:
-        """Advance to `time` [s], and land exactly on it; the current time does nothing."""
+        """Advance exactly to `time` [s]; the current time has no effect."""
         now = self._now("update_until")
         if not is_number(time):
             raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
@@ -140,24 +140,24 @@ class FloeBmi(Bmi):
             now.advance(float(time))
 
     def finalize(self) -> None:
-        """Let go of everything; `initialize` may follow."""
+        """Release everything; `initialize` may follow."""
         self._running = None
 
     def save_state(self, path: str | Path) -> None:
-        """Save all that `load_state`, or the key `restart`, needs to go on with the same bits."""
+        """Save the state from which `load_state`, or the key `restart`, continues with the same bits."""
         now = self._now("save_state")
         now.save(path, now.means)
 
     def load_state(self, path: str | Path) -> None:
-        """Take up a state that `save_state` wrote, of a component with the same scene."""
+        """Restore a state that `save_state` wrote, of a component with the same scene."""
         self._now("load_state").load(path)
 
     @property
     def model(self) -> "Model":
-        """The model behind, for hosts in the same process (masks, floes, the ledger's table)."""
+        """The model itself, for hosts in the same process (masks, floes, ledger)."""
         return self._now("model").model
 
-    # ---- what there is ------------------------------------------------------------------------
+    # ---- variables ----------------------------------------------------------------------------
 
     def get_component_name(self) -> str:
         """`floebmi`."""
@@ -172,15 +172,15 @@ class FloeBmi(Bmi):
         return len(self.get_output_var_names())
 
     def get_input_var_names(self) -> tuple[str, ...]:
-        """CSDMS names of what a host sets; before `initialize` all that any scene has."""
+        """CSDMS names of the inputs; before `initialize` those of all scenes."""
         return tuple(name for name, row in self._rows().items() if is_input(row))
 
     def get_output_var_names(self) -> tuple[str, ...]:
-        """CSDMS names of what a host gets; before `initialize` all but those of single floes."""
+        """CSDMS names of the outputs; before `initialize` all but those of single floes."""
         return tuple(name for name, row in self._rows().items() if not is_input(row))
 
     def get_var_grid(self, name: str) -> int:
-        """0 cells, 1 one number, 2 the air's own cells, 3 floes."""
+        """Grid of a variable: 0 cells, 1 one number, 2 the air's own cells, 3 floes."""
         row = self._row(name)
         return self._now("get_var_grid").grid_of(row)
 
@@ -218,7 +218,7 @@ class FloeBmi(Bmi):
         return float(self._now("get_current_time").model.time)
 
     def get_end_time(self) -> float:
-        """`[time] duration` of the scene [s], else the largest float; updates may go beyond."""
+        """`[time] duration` of the scene [s], else the largest float; updates may go beyond it."""
         return sys.float_info.max if self._running is None else float(self._running.end)
 
     def get_time_units(self) -> str:
@@ -236,7 +236,7 @@ class FloeBmi(Bmi):
         return copied(self._array(name), dest, name)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
-        """The array itself, which every update writes anew until `finalize`."""
+        """The array itself, which every update overwrites until `finalize`."""
         return self._array(name)
 
     def get_value_at_indices(self, name: str, dest: np.ndarray, inds: np.ndarray) -> np.ndarray:
@@ -311,7 +311,7 @@ class FloeBmi(Bmi):
         return self._fill(grid, "y", y)
 
     def get_grid_z(self, grid: int, z: np.ndarray) -> np.ndarray:
-        """There is none."""
+        """Not available: grids have two dimensions."""
         self._layout(grid)
         raise NotImplementedError(f"grid {grid}: no z, grids have two dimensions")
 
@@ -343,7 +343,7 @@ class FloeBmi(Bmi):
         """Number of corners of each cell."""
         return self._fill(grid, "nodes_per_face", nodes_per_face)
 
-    # ---- looking things up --------------------------------------------------------------------
+    # ---- look-up ------------------------------------------------------------------------------
 
     def _now(self, call: str) -> Running:
         if self._running is None:
@@ -380,7 +380,7 @@ class FloeBmi(Bmi):
 
     def _part(self, grid: int, name: str) -> np.ndarray:
         layout = self._layout(grid)
-        if grid == FLOES:  # they are where they are now
+        if grid == FLOES:  # at their present positions
             self._now("grid").follow_edits()
         part = getattr(layout, name)
         if part is None:

@@ -1,4 +1,4 @@
-"""Arrays that a host hands over in a BMI call: what they must be, in one line if they are not."""
+"""Checks of the arrays that a host passes in a BMI call, with errors of one line."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from floebmi.quantities import unmasked
 
 
 def copied(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
-    """Write into the caller's own buffer, whatever its real type, and return it."""
+    """Copy values into the caller's buffer, of any real type that holds them, and return it."""
     if not isinstance(dest, np.ndarray):
         raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
     if dest.size != values.size:
         raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
-    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # whole numbers would come round
+    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # integers would overflow
     if short or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
         raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
     if not dest.flags.writeable:
@@ -32,7 +32,7 @@ def numbers_of(name: str, src: np.ndarray, size: int) -> np.ndarray:
 
 
 def indices_of(name: str, inds: np.ndarray, size: int) -> np.ndarray:
-    """The host's indices, flat, each of one of so many places."""
+    """The host's indices, flat, each from 0 to size − 1."""
     if np.ma.is_masked(inds):
         raise InputError(f"{name}: masked indices; must be integers from 0 to {size - 1}")
     inds = _array(name, inds)

@@ -1,4 +1,4 @@
-"""Grids as BMI tells them: cell centres as the nodes of a structured grid, or cells as the faces of an unstructured one."""
+"""Grids in terms of BMI: cell centres as nodes of a structured grid, or cells as faces of an unstructured one."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
 
 
 class Layout(NamedTuple):
-    """A grid in BMI's words; what a grid type does not have is None.
+    """A grid in terms of BMI; None for what its grid type does not have.
 
-    type, rank : of BMI
+    type, rank : as defined by BMI
     size : number of nodes
-    values : number of values of a variable on this grid, and `location` where they are
+    values : number of values of a variable on this grid, which are at `location`
     """
 
     type: str
@@ -33,7 +33,7 @@ class Layout(NamedTuple):
 
 
 def layout_of(grid: "Grid", faces: bool) -> Layout:
-    """Cell centres as nodes, or cells as faces; there is no choice but faces for cells of any shape."""
+    """The layout with cell centres as nodes, or cells as faces; always faces unless the grid is rectilinear."""
     if faces or grid.x_edges is None:
         return _faces(grid)
     shape = np.array(grid.shape)
@@ -47,7 +47,7 @@ def layout_of(grid: "Grid", faces: bool) -> Layout:
 
 
 def _faces(grid: "Grid") -> Layout:
-    """Edge k of a face leads from its node k to the next one."""
+    """The layout with cells as faces; edge k of a face leads from its node k to the next one."""
     from floebmi.grid import following_nodes
 
     real = grid.face_nodes >= 0

@@ -1,4 +1,4 @@
-"""What exists between `initialize` and `finalize` of the BMI component: the model, its arrays, and who fills them."""
+"""The BMI component between `initialize` and `finalize`: the model, its arrays, and the sources that fill them."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -38,7 +38,7 @@ class Running:
     step, end : exchange interval, and end of the scene [s]
     rows, values : by CSDMS name, the variables of this scene and their arrays
     layouts : of the BMI grids, by number
-    sources : by name of the fluid, what of the scene fills it; those that no host has replaced
+    sources : sources of the scene by fluid, of those fluids that no host has taken over
     """
 
     def __init__(self, config_file: str) -> None:
@@ -53,16 +53,16 @@ class Running:
         self.capacity, self.checkpoint = view.floe_capacity, view.checkpoint
         found = {"ocean": built.ocean, "atmosphere": built.atmosphere}
         self.of_scene = {name: source for name, source in found.items() if source is not None}
-        self.sources: dict[str, VelocitySource] = dict(self.of_scene)  # those that no host replaced
-        self.filled: dict[str, np.ndarray] = {}  # what a source last wrote, as bits
+        self.sources: dict[str, VelocitySource] = dict(self.of_scene)  # not replaced by a host
+        self.filled: dict[str, np.ndarray] = {}  # last values written by a source, as bits
         for name in self.sources:
             self.fill(name, 0.0)
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
-        self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # who makes an output
+        self.parts: dict[str, Callable[..., dict[str, np.ndarray]]] = {}  # computes an output
         self.asked: set[str] = set()
-        self.shown: object = None  # what the model knew of its floes when outputs were written
+        self.shown: object = None  # the model's `_Seen` when outputs were last written
         self._list()
         self.show({})
         if view.restart is not None:
@@ -76,7 +76,7 @@ class Running:
         return layouts
 
     def _list(self) -> None:
-        """The variables of this scene and their arrays, allocated once."""
+        """List the variables of this scene and allocate their arrays, once."""
         model = self.model
         for part in (model.ice_fields, model.internal_stress_fields, model.fluid_stress_fields):
             self.parts |= dict.fromkeys(part(), part)
@@ -95,7 +95,7 @@ class Running:
             self._list_floes()
 
     def _list_floes(self) -> None:
-        """Room for what single floes have, for hosts that ask for it: kept up to date from the start."""
+        """Allocate the arrays of single floes, for hosts that want them; they are kept up to date from the start."""
         self._check_capacity()
         for row in _FLOE_ROWS:
             if getattr(self.model.floes, row.name) is not None:
@@ -110,7 +110,7 @@ class Running:
         )  # fmt: skip
 
     def _check_capacity(self) -> None:
-        """InputError for more floes than the arrays of single floes have room for."""
+        """InputError if there are more floes than the arrays of single floes can hold."""
         count = len(self.model.floes)
         if self.capacity and count > self.capacity:
             raise InputError(
@@ -135,7 +135,7 @@ class Running:
     # ---- who fills the inputs
 
     def fill(self, name: str, time: float) -> None:
-        """Let the scene's own source fill a fluid as it is at `time`, unless a host has written there."""
+        """Fill a fluid from the scene's own source at `time` [s], unless a host has written there."""
         fluid = self._fluid(name)
         if name in self.filled and not self.drives(name):
             self.sources.pop(name, None)
@@ -144,11 +144,11 @@ class Running:
             self.filled[name] = _bits(fluid)
 
     def drives(self, name: str) -> bool:
-        """Whether the scene's own source fills a fluid: no host has written there, through a pointer neither."""
+        """Whether the scene's own source fills a fluid: no host has written there, not even through a pointer."""
         return name in self.sources and np.array_equal(self.filled[name], _bits(self._fluid(name)))
 
     def taken_over(self, row: Variable) -> None:
-        """A host has set this variable."""
+        """Note that a host has set this variable."""
         fluid, _, component = row.home.partition(".")
         if component in ("u", "v"):
             self.sources.pop(fluid, None)
@@ -156,14 +156,14 @@ class Running:
     # ---- stepping
 
     def advance(self, until: float) -> None:
-        """Exchanges of the scene's length and a shorter last one; lands exactly on `until`.
+        """Advance by exchanges of the scene's length and a shorter last one, exactly to `until` [s].
 
-        If it fails, all is as before.
+        On failure everything is left unchanged.
         """
         with alone(self.model, "update"):
             rest = until - self.model.time
             count = max(1, int(np.ceil(rest / self.step - SAME_TIME)))
-            # one exchange that fails is undone by the model; a copy of everything costs as much as two steps
+            # the model itself undoes one failed exchange; a copy of everything costs as much as two steps
             plain = (
                 count == 1 and not self.sources and not self.capacity and self.checkpoint is None
             )
@@ -177,7 +177,7 @@ class Running:
             whole = k < count - 1 or model.time + self.step == until
             duration = self.step if whole else until - model.time
             for name in ("ocean", "atmosphere"):
-                self.fill(name, model.time + 0.5 * duration)  # as a run does it
+                self.fill(name, model.time + 0.5 * duration)  # as in a run
             model.advance(duration)
             if count > 1:
                 for name, values in self._means().items():
@@ -198,9 +198,9 @@ class Running:
     # ---- outputs
 
     def show(self, means: dict[str, np.ndarray]) -> None:
-        """Write the outputs that the host has asked for, in place; the others wait until it asks.
+        """Write the outputs that the host has requested, in place; the others wait until requested.
 
-        means : over the last update, of what is a mean, where that was not one exchange
+        means : of the mean variables over the last update, where that was not one exchange
         """
         self.means, self.shown = means, self.model._seen
         asked = {name: self.rows[name] for name in self.asked}
@@ -214,19 +214,17 @@ class Running:
                 self._write(name)
 
     def array(self, name: str) -> np.ndarray:
-        """The array of a variable; an output is kept up to date from the time that it is asked for."""
+        """The array of a variable; an output is kept up to date from its first request."""
         if self._is_of_the_floes(name):
             self.follow_edits()
         if name not in self.asked:
-            with alone(
-                self.model, name
-            ):  # an update in another thread goes through what was asked for
+            with alone(self.model, name):  # an update in another thread loops over `asked`
                 self._write(name)
                 self.asked.add(name)
         return self.values[name]
 
     def _is_of_the_floes(self, name: str) -> bool:
-        """Whether an output changes with the floes themselves; what fluids were given, and the books, wait for an update."""
+        """Whether an output changes with edits of the floes; stresses on fluids and ledger totals change only in an update."""
         row = self.rows[name]
         if isinstance(row, Scalar) or row.intent == "in":
             return False
@@ -234,7 +232,7 @@ class Running:
         return not given or row.name in PER_ICE_AREA
 
     def follow_edits(self) -> None:
-        """Write the outputs anew if somebody has changed the floes since: they are of the floes as they are."""
+        """Rewrite the outputs if the floes were edited since, so that they describe the floes as they are."""
         if self.model._known() is self.shown:
             return
         means = dict(self.means)
@@ -244,17 +242,17 @@ class Running:
             self.show(means)
 
     def _per_ice_area(self, means: dict[str, Any]) -> dict[str, np.ndarray]:
-        """Mean stresses over the area of ice now, so that with the concentration they give those per cell area."""
+        """Mean stresses over the area of ice now; multiplied by the concentration they give those per cell area."""
         over = self.model.grid.area * self.model.over_ice_area()
         return {name: means[per_cell] * over for name, per_cell in PER_ICE_AREA.items()}
 
     def _write(self, name: str) -> None:
-        """Write one output, and no other."""
+        """Write a single output."""
         row, values = self.rows[name], self.values[name]
         if isinstance(row, Scalar):
             values[0] = row.value(self.model)
         elif row.grid == "floe":
-            values[:] = 0  # a state that was loaded may have fewer floes
+            values[:] = 0  # a loaded state may have fewer floes
             values[: len(self.model.floes)] = getattr(self.model.floes, row.name)
         elif row.intent == "out":
             made = self.means if row.name in self.means else self.parts[row.name]()
@@ -263,7 +261,7 @@ class Running:
     # ---- the whole state
 
     def save(self, path: str | Path, means: dict[str, np.ndarray]) -> None:
-        """All that `load` needs; `means` as for `show`."""
+        """Save all that `load` needs; `means` as for `show`."""
         from floebmi.output import save_restart
 
         state = {
@@ -275,7 +273,7 @@ class Running:
         save_restart(path, state, {"time": self.model.time} | date)
 
     def load(self, path: str | Path) -> None:
-        """Take up a state that `save` wrote; InputError for another file, and then all is as before."""
+        """Restore a state that `save` wrote; InputError for any other file, which changes nothing."""
         from floebmi.clock import refuse_other_start
         from floebmi.output import load_restart
 
@@ -296,7 +294,7 @@ class Running:
 
     @contextmanager
     def unchanged_on_failure(self) -> Iterator[None]:
-        """What fails in here is undone; `show` comes last of what can fail, so outputs need no copies."""
+        """Undo everything if the body fails; `show` is the last step that can fail, so outputs need no copies."""
         before, sources, filled = self.model.state(), dict(self.sources), dict(self.filled)
         up_to_date = self.shown is self.model._seen
         try:
@@ -321,7 +319,7 @@ def _interval(scene: "Scene") -> float:
 
 
 def is_input(row: Variable | Scalar) -> bool:
-    """Whether a host sets it."""
+    """Whether a variable is set by a host."""
     return isinstance(row, Variable) and row.intent == "in"
 
 
@@ -334,5 +332,5 @@ def _is_mean(row: Variable | Scalar) -> bool:
 
 
 def _bits(fluid: "Fluid") -> np.ndarray:
-    """Both components, so that NaN on dry cells equals itself."""
+    """Both velocity components as bits, so that NaN in dry cells equals itself."""
     return np.concatenate([fluid.u, fluid.v]).view(np.int64)

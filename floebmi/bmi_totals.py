@@ -1,4 +1,4 @@
-"""Outputs of the component that are one number for the whole model: its books, and how it steps."""
+"""Scalar outputs of the component, for the whole model: ledger totals and time steps."""
 
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Scalar(NamedTuple):
-    """An output that is one number for the whole model; `fluid` must be there for it to exist."""
+    """A scalar output for the whole model; it exists only if the model has `fluid`."""
 
     csdms: str
     units: str
@@ -20,7 +20,7 @@ class Scalar(NamedTuple):
 
 
 def _gained(column: int, counts: Callable[[str], bool]) -> "Callable[[Model], float]":
-    """What the ice got by those accounts of the ledger that count, in a column of it."""
+    """The sum of a column of the ledger over those accounts that count."""
     return lambda model: sum(
         float(row[column]) for name, row in model.ledger.accounts.items() if counts(name)
     )

@@ -1,7 +1,7 @@
 """Ledgers: budgets of mass, momentum and energy.
 
 A ledger is a table.  Each row is an account (ocean, walls, friction …) with its contribution to the ice
-since the start.  The present amount must equal the initial one plus all accounts; the
+since the start.  The present amount should equal the initial one plus all accounts; the
 difference is printed as the residual, and never corrected.
 """
 
@@ -41,7 +41,7 @@ class Ledger:
         self.start = np.zeros(4)
         self.now = np.zeros(4)
         self.accounts: dict[str, np.ndarray] = {}
-        self.turnover = np.zeros(4)  # at least so much has passed, whatever its sign
+        self.turnover = np.zeros(4)  # lower bound on the amounts exchanged, regardless of sign
 
     def copy(self) -> "Ledger":
         """A copy, for undoing later bookings."""
@@ -52,7 +52,7 @@ class Ledger:
         return other
 
     def open(self, stock: np.ndarray) -> None:
-        """Begin with the initial amounts: (mass, momentum x, momentum y, energy)."""
+        """Start with the initial amounts: (mass, momentum x, momentum y, energy)."""
         self.start = stock.copy()
         self.now = stock.copy()
 
@@ -65,9 +65,9 @@ class Ledger:
         self.turnover += np.abs(row)
 
     def saw(self, energy: float) -> None:
-        """Record a kinetic energy [J] that the ice had between two bookings; it counts as turnover even if it is lost again.
+        """Record a kinetic energy [J] of the ice between two bookings; it counts as turnover even if it is lost again.
 
-        The momenta of floes that move against each other cancel in the sum; their turnover is up to √(2 m K) in all.
+        Opposite momenta of floes cancel in the sum; their turnover is at most √(2 m K) in total.
         """
         self.turnover[3] = max(self.turnover[3], energy)
         self.turnover[1:3] = np.maximum(self.turnover[1:3], np.sqrt(2.0 * self.now[0] * energy))
@@ -78,14 +78,14 @@ class Ledger:
         Raises
         ------
         InputError
-            for another word.
+            for any other word.
         """
         if not is_word(quantity, QUANTITIES):
             raise InputError(f"balance of {quantity!r}: {choose(quantity, QUANTITIES)}")
         q = QUANTITIES.index(quantity)
         gained = sum(row[q] for row in self.accounts.values())
         residual = self.now[q] - self.start[q] - gained
-        # momentum is a vector: one component may be next to nothing beside the other
+        # momentum is a vector: one component may be negligible beside the other
         of = slice(1, 3) if quantity.startswith("momentum") else slice(q, q + 1)
         scale = np.abs([self.start[of], self.now[of], self.turnover[of]]).max()
         return Balance(

@@ -1,8 +1,8 @@
-"""When the records of a file are, in seconds after the start of the run.
+"""Times of the records of a file, in seconds after the start of the run.
 
 Calendars are those of the file (also noleap, 360_day …): the start is read as a date of that calendar, and
-from there on time is seconds.  A run that names its calendar takes files of no other, since dates would part at
-the first 29 February.  Between two records fields change linearly.
+from then on time is in seconds.  A run that names its calendar accepts files of no other, since dates would diverge at
+the first 29 February.  Fields are interpolated linearly between records.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _ALIKE = {
     "366_day": "all_leap",
 }
 
-# A date that cftime reads to its end; of another form it silently leaves out what it does not know, such as an hour without
-# minutes.
+# A date that cftime reads completely; in other forms it silently ignores parts that it does not know, such as an hour
+# without minutes.
 _DATE = re.compile(
     r"-?\d{4,}-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?)?( ?(Z|UTC|[+-]\d\d(:?\d\d)?))?"
 )
-# The same for a date that the numbers of a file count from, which may be of any year.
+# The same for the reference date of a file's times, which may be of any year.
 _REFERENCE = re.compile(
     r"[-+]?\d+-\d{1,2}-\d{1,2}([T ]\d{1,2}:\d{1,2}(:\d{1,2}(\.\d*)?)?)?( ?(Z|UTC|GMT|[+-]\d\d(:?\d\d)?))?",
     re.IGNORECASE,
@@ -52,7 +52,7 @@ _REFERENCE = re.compile(
 
 
 class Clock:
-    """Times of records, and what holds before the first and after the last.
+    """Times of records, and the rule before the first and after the last.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Clock:
         [s] if the file's times are durations, not dates.
     beyond_span : "error", "hold" (the first or last record), or "repeat" (the record after the last is the
         first again, after one more mean interval)
-    calendar : CF calendar that the file's dates must be of; default: any
+    calendar : CF calendar required of the file's dates; default: any
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Clock:
             )
 
     def _as_date(self, start: Date, where: str) -> object:
-        """`start` as the kind of date that the file has."""
+        """`start` as a date of the file's type."""
         kind = self._dates.dtype.kind
         if isinstance(start, (int, float)) != (kind == "f"):
             right = "a number of seconds" if kind == "f" else "a date such as '1979-01-16'"
@@ -138,20 +138,20 @@ class Clock:
 
     @property
     def span(self) -> tuple[float, float] | None:
-        """First and last time [s] for which there are data, None if for all times."""
+        """First and last time [s] for which there are data; None if at all times."""
         if self.seconds is None or self.seconds.size == 1 or self.beyond_span != "error":
             return None
         return float(self.seconds[0]), float(self.seconds[-1])
 
     @property
     def calendar(self) -> str | None:
-        """CF calendar of the dates; None for a field without time, and for times that are no dates."""
+        """CF calendar of the dates; None for a field without time, and for times that are not dates."""
         kind = None if self._dates is None else self._dates.dtype.kind
         return "standard" if kind == "M" else self._dates[0].calendar if kind == "O" else None
 
     @property
     def first_date(self) -> str | None:
-        """The date of the first of several records; None for one that holds always, and for times that are no dates."""
+        """The date of the first of several records; None for a single record, and for times that are not dates."""
         dated = self.seconds is not None and self.seconds.size > 1 and self._dates.dtype.kind != "f"
         return _text(self._dates[0]) if dated else None
 
@@ -161,7 +161,7 @@ class Clock:
         Raises
         ------
         InputError
-            outside the file's times, naming them, unless `beyond_span` says what holds there.
+            outside the file's times, naming them, unless `beyond_span` allows it.
         """
         if not np.isfinite(t):
             raise InputError(f"{self.label}: t = {t}: must be a finite number of seconds")
@@ -208,19 +208,19 @@ class Clock:
 
 
 def same_calendar(one: str, other: str) -> bool:
-    """Whether two names of calendars are of one and the same."""
+    """Whether two names mean the same calendar."""
     return _ALIKE.get(one, one) == _ALIKE.get(other, other)
 
 
 def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cftime.datetime:
-    """The date of a calendar, in UTC, that a text such as '1979-01-16T18:00' means, or a date of any calendar.
+    """The date, in UTC and in this calendar, of a text such as '1979-01-16T18:00' or of a date in any calendar.
 
     name : of the key that gave it, for the error
 
     Raises
     ------
     InputError
-        for what is no date there.
+        if it is not a date of this calendar.
     """
     import cftime
 
@@ -239,7 +239,7 @@ def date_of(start: Date, calendar: str = "standard", name: str = "start") -> cft
 
 
 def text_of(start: Date) -> str:
-    """A date as `date_of` reads it; the text of a numpy date in hours would end with the hour."""
+    """A date as text for `date_of`; str of a numpy date in hours would lack the minutes."""
     hours = isinstance(start, np.datetime64) and np.datetime_data(start)[0] == "h"
     return str(start.astype("datetime64[s]") if hours else start)
 
@@ -247,10 +247,10 @@ def text_of(start: Date) -> str:
 def refuse_other_start(
     start: Date | None, calendar: Calendar | None, told: Mapping[str, Any]
 ) -> None:
-    """InputError if time 0 of a restart file has a date, and that of the scene is another or none.
+    """InputError if time 0 of a restart file has a date, and that of the scene differs or is missing.
 
     start, calendar : of the scene's [time], None where it has none
-    told : attributes of the restart file; without a start they were written for a scene that had none
+    told : attributes of the restart file; they have no start if its scene had none
     """
     if "start" not in told:
         return
@@ -290,11 +290,11 @@ def _dates(array: xr.DataArray, where: str) -> np.ndarray:
 
 
 def _check_reference(units: str, dates: np.ndarray, where: str) -> None:
-    """InputError for a reference date that was not read to its end: cftime leaves out what follows a form that it knows."""
+    """InputError for a reference date that was not read completely: cftime ignores what follows a form that it knows."""
     _, since, reference = units.partition(" since ")
     if not since or _REFERENCE.fullmatch(reference.strip()):
         return
-    # In the standard calendar pandas reads all other forms, except names of time zones.
+    # In the standard calendar pandas reads all other forms except names of time zones.
     if dates.dtype.kind == "M" and not re.match(r"0*1-\d|.*[A-Za-z]{2,}$", reference.strip()):
         return
     raise InputError(
@@ -304,7 +304,7 @@ def _check_reference(units: str, dates: np.ndarray, where: str) -> None:
 
 
 def _middles(dates: np.ndarray, array: xr.DataArray, field: Field, where: str) -> np.ndarray:
-    """The times of records; of means over intervals at whose ends the file has them, the middles of these."""
+    """The times of records; for means over intervals stamped at one end, the midpoints of the intervals."""
     data, name = field.file.data, array.attrs.get("bounds", array.encoding.get("bounds"))
     mean = re.search(
         rf"\b(time|{re.escape(str(field.time))}): mean", str(field.array.attrs.get("cell_methods"))

@@ -1,10 +1,10 @@
-"""Four pairs at a time between floes and columns: what keeps the arithmetic of contacts from waiting.
+"""Transposition of four pairs at a time from floes to columns and back, for fast contact arithmetic.
 
-A floe is a row of eight numbers; arithmetic on many pairs at once wants columns, one number of many pairs.
+A floe is a row of eight numbers; arithmetic on many pairs at once needs columns, one quantity of many pairs.
 Read one by one, the numbers of a pair cost more than its contact law.  Here half a row is read at once, and four
-half rows are turned into four columns.  Compilers do not find this by themselves, so it is written in LLVM's own
-vectors, which every processor has or imitates.  `gather` and `scatter` say in Python what they do, which is also what
-runs where nothing is compiled (NUMBA_DISABLE_JIT=1, to step through a law in a debugger).
+half rows are transposed into columns.  Compilers do not find this by themselves, so it is written in LLVM
+vectors, which every processor has or emulates.  The Python bodies of `gather` and `scatter` define what they do, and
+run where nothing is compiled (NUMBA_DISABLE_JIT=1, to step through a law in a debugger).
 """
 
 from llvmlite import ir
@@ -14,8 +14,8 @@ from numba.extending import intrinsic, overload
 from floebmi.kernels import BLOCK, IN_PLACE
 
 LANES = 4  # pairs at a time
-# Rows of the buffer of a block of pairs.  Results stand in lower rows than what they are computed from: for all that the
-# compiler knows of the array, a store can then only fall on what has been read already, and the loop vectorises.
+# Rows of the buffer of a block of pairs.  Results are in lower rows than their inputs: the compiler then sees that a
+# store can only overwrite what has already been read, and vectorises the loop.
 FX, FY, TORQUE_I, TORQUE_J, BLOW_N, BLOW_T = (row * BLOCK for row in range(6))
 DX, DY, DU, DV, R_I, R_J, H_I, H_J, OMEGA_I, OMEGA_J, W_I, W_J = (
     row * BLOCK for row in range(6, 18)
@@ -29,13 +29,13 @@ _HALF, _FULL = ir.VectorType(_NUMBER, 2), ir.VectorType(_NUMBER, LANES)
 
 
 def _mix(builder, one, other, *lanes):
-    """A vector of some lanes of two others, counted through both."""
+    """A vector of some lanes of two others, whose lanes are numbered consecutively."""
     wanted = ir.Constant(ir.VectorType(_LANE, len(lanes)), list(lanes))
     return builder.shuffle_vector(one, other, wanted)
 
 
 class _Place:
-    """Memory of an array, read and written by vectors at a distance in bytes."""
+    """Memory of an array, read and written in vectors at an offset in bytes."""
 
     def __init__(self, context, builder, kind, value):
         data = context.make_array(kind)(context, builder, value).data
@@ -54,7 +54,7 @@ class _Place:
 
 
 def _distances(builder, indices, first, row):
-    """Where the rows of four floes are: bytes from the first one."""
+    """Offsets of the rows of four floes, in bytes from the first row."""
     found = []
     for lane in range(LANES):
         here = builder.mul(builder.add(first, _INDEX(lane)), _INDEX(indices.row))
@@ -64,7 +64,7 @@ def _distances(builder, indices, first, row):
 
 
 def _columns(builder, place, distances, offset):
-    """Four numbers of four rows each, turned into columns."""
+    """Four numbers of each of four rows, transposed into columns."""
     columns = []
     for half in (0, 16):
         a, b, c, d = (
@@ -77,9 +77,9 @@ def _columns(builder, place, distances, offset):
 
 
 def gather(floes, pair_i, pair_j, first, buffer, k):
-    """Columns of the pairs first + k to first + k + 3 of `floes`, records of `pack.SPINNING` or `pack.MOVING`.
+    """Fill columns for the pairs first + k to first + k + 3 of `floes`, records of `pack.SPINNING` or `pack.MOVING`.
 
-    DX, DY, DU, DV are the differences, j less i; R, H, OMEGA and W are those of each.
+    DX, DY, DU, DV are differences, j minus i; R, H, OMEGA and W are the values of each floe.
     """
     for lane in range(k, k + LANES):
         one, other = floes[pair_i[first + lane]].tolist(), floes[pair_j[first + lane]].tolist()
@@ -128,7 +128,7 @@ def _gather_vectors(typing, floes, pair_i, pair_j, first, buffer, k):
 
 
 def scatter(force, pair_i, pair_j, first, buffer, k):
-    """Add columns of forces to floes: FX, FY to i and their opposite to j; TORQUE_I, TORQUE_J where floes turn.
+    """Add columns of forces to floes: FX, FY to i and their opposite to j; TORQUE_I, TORQUE_J where floes rotate.
 
     force : records of `pack.FORCE` or `pack.FORCE_AND_TORQUE`
     """
@@ -166,7 +166,7 @@ def _scatter_vectors(typing, force, pair_i, pair_j, first, buffer, k):
         turning = forces.row == 32
 
         def rows(torque):
-            """What four floes get, each as a vector."""
+            """The forces on four floes, one vector each."""
             none = ir.Constant(_FULL, [0.0] * LANES)
             even, odd = _mix(builder, fx, fy, 0, 4, 2, 6), _mix(builder, fx, fy, 1, 5, 3, 7)
             halves = [(even, 0), (odd, 0), (even, 2), (odd, 2)]
@@ -184,7 +184,7 @@ def _scatter_vectors(typing, force, pair_i, pair_j, first, buffer, k):
 
         kind = _FULL if turning else _HALF
         given = rows(torque_i), rows(builder.fneg(torque_j))
-        for lane in range(LANES):  # one after the other: two pairs may share a floe
+        for lane in range(LANES):  # one at a time: two pairs may share a floe
             own, other = given[0][lane], given[1][lane]
             forces.write(ours[lane], builder.fadd(forces.read(ours[lane], kind), own))
             forces.write(theirs[lane], builder.fsub(forces.read(theirs[lane], kind), other))

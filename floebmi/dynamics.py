@@ -4,14 +4,14 @@
     J dω/dt = Σ contacts torque      + Σ torques of the fluids                (eq. angular-momentum)
 
 A step of the default scheme is kick, push, kick, drift, touch: half a velocity step under the contact forces,
-the other forces (forces.py, one linearly implicit step), the second half kick, the way, and the contact forces at
-the new place.  It is of second order, and keeps the energy of an undamped pack; the other forces act on the
-velocities that this energy is made of, so that their work is what it changes by.  A contact that opens or closes
-within a step acts only for its part of it (eq. part-of-a-step): `touch` notes the difference, and when the forces
-are known the two floes are struck with it.  The paper's schemes are in taylor.py.
+the other forces (forces.py, one linearly implicit step), the second half kick, the displacement, and the contact
+forces at the new positions.  It is second-order and conserves the energy of an undamped pack.  The other forces act
+on the velocities that enter this energy, so their work is exactly its change.  A contact that opens or closes
+within a step acts only for its part of the step (eq. part-of-a-step): `touch` notes the difference, which is applied
+to the two floes as a blow once the forces are known.  The paper's schemes are in taylor.py.
 
-Kernels work on packed floes: active ones only, sorted in space, what a contact reads of a floe in one line
-of the cache.  Which fields exist, and which arrays, follows from the laws: see `pack.py`.
+Kernels work on packed floes: only active ones, sorted in space, with all that a contact reads of a floe in one
+cache line.  The laws determine which fields and arrays exist: see `pack.py`.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -72,33 +72,33 @@ class Step(NamedTuple):
 
 
 def usual_fraction(scheme: str, contact: Contact | None) -> float:
-    """The fraction of the stability limit that conserves the energy of a scene to a thousandth.
+    """The fraction of the stability limit that conserves the energy of a scene to one part in a thousand.
 
-    It is 0.85 for "verlet" if contacts are springs with Coulomb friction, or there are none; else 0.3.  Without
-    friction, or with bonds, a pack keeps ringing, at 0.85 of the limit with its highest frequency a fifth too high;
-    dashpots are first order; failure drops a force at once; the paper's schemes and lever arms lack the correction
-    of (eq. part-of-a-step).
+    It is 0.85 for "verlet" if contacts are springs with Coulomb friction, or absent; else 0.3.  Without
+    friction, or with bonds, a pack keeps oscillating, and at 0.85 of the limit its highest frequency is a fifth too
+    high; dashpots are first-order; failure removes a force at once; the paper's schemes and lever arms lack the
+    correction of (eq. part-of-a-step).
     """
     rubs = contact is None or isinstance(contact.friction, Coulomb)
     more = contact is not None and (contact.bonds or contact.dashpot or contact.failure)
     return 0.85 if scheme == "verlet" and rubs and not more else 0.3
 
 
-# The skin of a short list over the way of the fastest floe in a step: it then lasts for 14 steps.
+# Skin of a short list over the displacement of the fastest floe in a step: the list then lasts for 14 steps.
 LASTING = 32.0
-# Share of the way that floes may stray: beyond it the list of pairs, or what sets the step, is looked at anew.
+# Share of the permitted displacement beyond which the list of pairs, or the limit on the step, is renewed.
 NEARLY = 0.7
 WALL = np.dtype(
     [
-        ("axis", np.int64),  # 0: the wall stands across x, 1: across y
+        ("axis", np.int64),  # 0: the wall is normal to x, 1: to y
         ("side", np.float64),  # +1: the ice is on the side of larger coordinates
-        ("position", np.float64),  # from the domain's origin
+        ("position", np.float64),  # relative to the domain's origin
         ("speed", np.float64),
         ("inverse_mass", np.float64),
-        ("press", np.float64),  # force that the wall is loaded with, towards the ice [N]
+        ("press", np.float64),  # load on the wall, towards the ice [N]
         ("damping", np.float64),  # rate [1/s]
         ("force", np.float64),  # of the ice on the wall, along the axis [N]
-        ("previous", np.float64),  # the same one step before, for the paper's third-order scheme
+        ("previous", np.float64),  # that force one step earlier, for the third-order scheme
         ("impulse", np.float64),  # given to the ice, along the axis [N s]
         ("work", np.float64),  # done on the ice [J]
     ]
@@ -106,7 +106,7 @@ WALL = np.dtype(
 
 
 class Laws(NamedTuple):
-    """What contacts do, and where the box ends."""
+    """Contact laws, and the periods of the domain."""
 
     contact: Any
     wall: Any  # the contact law of walls
@@ -118,11 +118,11 @@ class Lists(NamedTuple):
     """Pairs about to touch, tile by tile."""
 
     near: Near
-    pairs: PairList  # of the short list, with what they remember
+    pairs: PairList  # of the short list, with their memory
     tiles: Tiles
-    blows: np.ndarray  # room for those of two tiles, see `pairs.note_blows`
-    gap: float  # the short list holds pairs nearer than this [1] and its skin [m], see `pairs.narrow`
-    skin: float  # with the first forces of an exchange, and later at least; see `wide_enough`
+    blows: np.ndarray  # room for the blows of two tiles, see `pairs.note_blows`
+    gap: float  # the short list holds pairs closer than this [1] plus its skin [m], see `pairs.narrow`
+    skin: float  # for the first forces of an exchange; later the minimum, see `wide_enough`
 
 
 class Walls(NamedTuple):
@@ -131,17 +131,17 @@ class Walls(NamedTuple):
     walls: np.ndarray | None
     floe: np.ndarray
     number: np.ndarray  # of the wall
-    damped: np.ndarray | None  # force of the dashpots [N], since the list was made
+    damped: np.ndarray | None  # force of the dashpots [N], kept since the list was made
     opening: (
         np.ndarray
-    )  # rate at which floe and wall part [m/s], and their blow [N s], see `contact.blow`
+    )  # rate at which floe and wall separate [m/s]; next, their blow [N s], see `contact.blow`
     blow: np.ndarray
 
 
 class Marked(NamedTuple):
-    """Where floes and walls were when what holds until they have strayed too far was found.
+    """Positions of floes and walls from which their displacement is measured.
 
-    x, y, walls : places [m]; before : how far they had strayed by then, in earlier exchanges [m]
+    x, y, walls : positions [m]; before : displacement up to then, in earlier exchanges [m]
     still : there are walls or edges, which do not drift along with the floes
     """
 
@@ -153,11 +153,11 @@ class Marked(NamedTuple):
 
 
 class Books(NamedTuple):
-    """A row for each tile, and a last one for seams and walls, so that threads share none.
+    """Gains and losses: one row per tile, and a last one for seams and walls, so that threads share no row.
 
-    held : momentum along x and y [N s] and energy [J] that floes got from what holds them: coast, and prescribed motion.
+    held : momentum along x and y [N s] and energy [J] given to floes by their constraints: coast and prescribed motion.
         Kernels call a row of it `constraint`.
-    lost : energy [J] by what took it, and the bonds broken, see `pairs.FRICTION` and those after it
+    lost : energy lost [J] by process, and the number of bonds broken, see `pairs.FRICTION` and the names after it
     """
 
     held: np.ndarray
@@ -169,10 +169,10 @@ class Books(NamedTuple):
 
 @inner
 def kick(p, first, n, dt, constraint):
-    """Contact forces change the velocities of floes first to first + n − 1 for a time dt [s].
+    """Accelerate floes first to first + n − 1 by their contact forces for a time dt [s].
 
-    An axis with prescribed motion is held: its inverse mass is 0, its velocity stays, and what the force on it would
-    have given is booked in `constraint`, a row of `Books.held`.
+    An axis with prescribed motion is held: its inverse mass is 0, its velocity stays, and the impulse and work of the
+    force along it are booked in `constraint`, a row of `Books.held`.
     """
     if p.held.size > 0:
         hold_kick(p, first, n, dt, 1.0, constraint)
@@ -201,10 +201,10 @@ def _(spinning: None, inverse_spin, f, k, dt):
 
 @inner
 def hold_kick(p, first, n, dt, kept, constraint):
-    """Book the contact forces along held axes, for a time dt [s], as taken up by what holds them.
+    """Book the contact forces along held axes, over a time dt [s], as taken up by the constraint.
 
-    kept : factor on those forces afterwards: 0 takes them away, so that kicks need not ask which axes are held; 1 leaves
-        them to be looked at
+    kept : factor applied to those forces afterwards: 0 removes them, so that kicks need not check which axes are held;
+        1 keeps them for output
     """
     for k in range(first, first + n):
         if p.inverse_x[k] == 0.0:
@@ -232,12 +232,12 @@ def _(spinning: None, force, inverse_spin, first, n, dt, constraint):
 
 @dispatched
 def kick_walls(walls, before, after, ahead):
-    """Forces of the ice change the speed of walls for the end of a step and the beginning of the next [s].
+    """Accelerate the walls by the force of the ice, for the end of a step and the beginning of the next.
 
-    In between their dampers brake them, for both: on the way the speed of a wall is one, so that the work of the
-    forces before and after it is what the ice gains.
+    Between the two kicks the dampers act, for both times: a wall then moves at one speed, so that the work of the
+    forces before and after the displacement equals the energy that the ice gains.
 
-    before, after : times of the two kicks [s]; ahead : share of the last change of a force that is added to it
+    before, after : durations of the two kicks [s]; ahead : share of the last change of a force that is added to it
         (eq. taylor), 0 in the default scheme
     """
     for w in range(walls.size):
@@ -265,9 +265,9 @@ def kick_wall(wall, force, dt):
 
 @inner
 def push_block(forces, at, p, first, n, kicked, pushed, substeps, constraint, buffer):
-    """Kick a block of floes for a time `kicked` [s], then let the other forces act for a time `pushed` [s], in sub-steps.
+    """Kick a block of floes for a time `kicked` [s], then apply the other forces for a time `pushed` [s], in sub-steps.
 
-    Held axes must have no contact force: see `hold_kick`.
+    Contact forces along held axes must be 0: see `hold_kick`.
     """
     for k in range(n):
         floe, f = p.floes[np.uintp(first + k)], p.force[np.uintp(first + k)]
@@ -284,15 +284,15 @@ def push_block(forces, at, p, first, n, kicked, pushed, substeps, constraint, bu
 
 @inner
 def glide(p, begin, end, kicked, dt):
-    """Kick floes begin to end − 1 for a time `kicked`, let them drift for dt [s], and set their forces to 0 for `touch`.
+    """Kick floes begin to end − 1 for a time `kicked` [s], move them for dt [s], and set their forces to 0 for `touch`.
 
-    Held axes must have no contact force: see `hold_kick`.  Returns the largest speed² [m²/s²].
+    Contact forces along held axes must be 0: see `hold_kick`.  Returns the largest speed² [m²/s²].
     """
     fastest = 0.0
     for k in range(begin, end):
         k = np.uintp(k)
         floe = p.floes[k]
-        # one inverse mass serves both axes, and is in the floe's own line of the cache
+        # one inverse mass serves both axes, and is in the floe's own cache line
         kick_one(p, k, floe.w, floe.w, kicked)
         forget_one(p.spinning, p.force[k])
         floe.x += dt * floe.u
@@ -353,16 +353,16 @@ def _(walls: None, dt):
 
 @inner
 def push(forces, at, p, first, n, h, constraint, buffer):
-    """The other forces on a block of floes for a time h; a held axis keeps its velocity."""
+    """Apply the other forces to a block of floes for a time h [s]; a held axis keeps its velocity."""
     if p.held.size > 0:
         push_floes(forces, at, p, first, n, h, True, constraint, buffer)
-    else:  # compiled apart: what is asked for in no floe takes no time
+    else:  # compiled separately, without the checks for held axes
         push_floes(forces, at, p, first, n, h, False, constraint, buffer)
 
 
 @inner
 def push_floes(forces, at, p, first, n, h, held, constraint, buffer):
-    """`push`; held : whether any floe of the pack has a held axis."""
+    """`push`, with held : whether any floe of the pack has a held axis."""
     block = first // BLOCK
     for k in range(n):
         u, v = buffer[U + k], buffer[V + k]
@@ -378,7 +378,7 @@ def push_floes(forces, at, p, first, n, h, held, constraint, buffer):
 
 @inner
 def implicit(a, h):
-    """δu of (1 − h/2 Σ J) δu = h Σ a, the step of all forces but contacts (eq. linearly-implicit)."""
+    """Solution δu of (1 − h/2 Σ J) δu = h Σ a, the step of all forces but contacts (eq. linearly-implicit)."""
     half = 0.5 * h
     m11, m12, m21, m22 = 1.0 - half * a.xx, -half * a.xy, -half * a.yx, 1.0 - half * a.yy
     scale = h / (m11 * m22 - m12 * m21)
@@ -393,7 +393,7 @@ def push_spin(spinning, forces, at, p, first, n, h, held, constraint, buffer):
         each = torques(forces, at, block, k, omega)
         alpha, slope = total_spin(each)
         change = h * alpha / (1.0 - 0.5 * h * slope)
-        if held and p.inverse_spin[first + k] == 0.0:  # what holds it takes up the torque
+        if held and p.inverse_spin[first + k] == 0.0:  # the constraint takes up the torque
             constraint[2] -= inertia * alpha * omega
             change = 0.0
         book_spin(each, at, block, k, omega, change, inertia)
@@ -407,7 +407,7 @@ def _(spinning: None, forces, at, p, first, n, h, held, constraint, buffer):
 
 @inner
 def hold_push(p, k, a, du, dv, h, u, v, constraint):
-    """What a floe's velocity changes by if an axis is held, which keeps its velocity; else du, dv."""
+    """The change of a floe's velocity, 0 along a held axis; du, dv if no axis is held."""
     free_x, free_y = p.inverse_x[k] > 0.0, p.inverse_y[k] > 0.0
     if free_x and free_y:
         return du, dv
@@ -420,7 +420,7 @@ def hold_push(p, k, a, du, dv, h, u, v, constraint):
 
 @inner
 def hold_back(p, k, a, du, dv, h, u, v, constraint):
-    """What holds an axis of a floe takes up the other forces along it."""
+    """Book the other forces along a floe's held axes as taken up by the constraint."""
     if p.inverse_x[k] == 0.0:
         impulse = p.mass[k] * h * (a.x + 0.5 * (a.xx * du + a.xy * dv))
         constraint[0] -= impulse
@@ -435,7 +435,7 @@ def hold_back(p, k, a, du, dv, h, u, v, constraint):
 def touch_walls(
     wall_law, floes, edges, dt, force, inverse, constraint, lost,
 ):  # fmt: skip
-    """Frictionless walls push floes that reach over them (eq. wall)."""
+    """Add the forces of frictionless walls on floes that overlap them (eq. wall)."""
     walls = edges.walls
     for w in range(walls.size):
         walls[w].force = 0.0
@@ -468,9 +468,9 @@ def _(wall_law: None, floes, edges, dt, force, inverse, constraint, lost):
 
 @dispatched
 def strike_walls(inverse, wall_law, floes, force, edges, dt, constraint):
-    """The blows of floes that met a wall or left it, now that all that pushes it is known: on the floe, and its opposite on the wall.
+    """Apply the blows of floes that met or left a wall, now that all contact forces are known; opposite on floe and wall.
 
-    The load of a wall is left out, as in the energy that the scheme keeps (eq. kept-energy).
+    The load of a wall is left out, as in the energy that the scheme conserves (eq. kept-energy).
     """
     for q in range(edges.floe.size):
         if edges.blow[q] == 0.0:
@@ -503,7 +503,7 @@ def _(inverse: None, wall_law, floes, force, edges, dt, constraint):
 
 @inner
 def lean(force, begin, end, dt, kept, constraint):
-    """Book the contact forces on pieces of coast, as `hold_kick` does; their torques do no work and are not booked."""
+    """Book the contact forces on pieces of coast, as in `hold_kick`; their torques do no work and are not booked."""
     x = y = 0.0
     for k in range(begin, end):
         f = force[np.uintp(k)]
@@ -521,9 +521,9 @@ def move(
 ):  # fmt: skip
     """Kick, push, kick and drift floes from begin, a multiple of BLOCK, to end; returns the largest speed² [m²/s²].
 
-    kicks : times of the contact forces before and after the push [s]
-    pushed : time that the other forces act for [s], 0 in a step in which they do not (see `time_to_push`)
-    substeps : parts in which they act, for each block of floes
+    kicks : durations of the contact forces before and after the push [s]
+    pushed : time for which the other forces act [s], 0 in a step in which they do not (see `time_to_push`)
+    substeps : number of sub-steps of the push, for each block of floes
     """
     before, after = kicks
     if packed.held.size > 0:
@@ -547,7 +547,7 @@ def move_walls(walls, kicks, dt):
 
 @inner
 def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constraint, buffer):
-    """The second half of the last kick, and what is left of the push; the forces are kept to be looked at."""
+    """Finish the last step: the second half kick and the rest of the push; the forces are kept for output."""
     p = packed
     kick_walls(walls, kicked, 0.0, 0.0)
     for tile in range(tiles.coast.size):
@@ -562,13 +562,13 @@ def end_steps(forces, at, packed, tiles, walls, kicked, pushed, substeps, constr
 
 @inner
 def time_to_push(lag, drag_every, dt, rest):
-    """Time that the other forces act for at the beginning of a step [s]; 0 where they do not.
+    """Time for which the other forces act at the beginning of a step [s]; 0 if they do not.
 
-    They act once in `drag_every` steps, for half of that time before and half of it after.
+    They act once in `drag_every` steps, for half of that interval before and half of it after.
 
-    lag : [0] time by which they are behind the floes [s], negative where they are ahead; [1] steps until they act again;
-        both become those after this step
-    rest : time to the end of the exchange, beyond which they may not act [s]
+    lag : [0] time by which they are behind the floes [s], negative if they are ahead; [1] steps until they act again;
+        both are updated to their values after this step
+    rest : time to the end of the exchange, beyond which they must not act [s]
     """
     pushed = 0.0
     if lag[1] <= 0.0:
@@ -582,7 +582,7 @@ def time_to_push(lag, drag_every, dt, rest):
 
 @inner
 def time_left_to_push(lag, reached):
-    """Time that the other forces still have to act for [s], once the end of the exchange is reached; else 0."""
+    """Time for which the other forces still have to act [s] at the end of the exchange; 0 before it."""
     if not reached:
         return 0.0
     left = max(lag[0], 0.0)
@@ -592,9 +592,9 @@ def time_left_to_push(lag, reached):
 
 @inner
 def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer, blows):
-    """Add the forces of the pairs of a tile; with those across the seams, the last, come the walls.
+    """Add the forces of the pairs of a tile; the last part, of pairs across seams, also does the walls.
 
-    dt, inverse : see `pairs.touch_floes`.  Returns how many blows there are.
+    dt, inverse : see `pairs.touch_floes`.  Returns the number of blows.
     """
     p = packed
     noted = touch_floes(
@@ -614,7 +614,7 @@ def inverse_of(p):
 
 @in_place
 def touch_all(laws, packed, lists, walls, books, buffers):
-    """The forces at the present place, and the short list, as a step leaves them."""
+    """Compute the forces at the present positions and the short list, as after a step."""
     p, near, last = packed, lists.near, lists.near.counts.size
     first = last - last  # as in `verlet`
     inverse = inverse_of(p)
@@ -628,9 +628,9 @@ def touch_all(laws, packed, lists, walls, books, buffers):
 @inlined
 def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps,
           books, buffers):  # fmt: skip
-    """Move the floes of tiles first to last − 1, touch their pairs, tile by tile; returns the largest speed² [m²/s²].
+    """Move the floes of tiles first to last − 1 and touch their pairs, tile by tile; returns the largest speed² [m²/s²].
 
-    moves, touches : whether to do the one and the other
+    moves, touches : whether to move floes, and whether to touch pairs
     kicks, pushed, substeps : see `move`
     buffers : of a block of pairs, shape (PAIR_BUFFER,), of a block of floes, (FORCE_BUFFER,), and the blows of two tiles
     """
@@ -652,7 +652,7 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
             noted = touch(
                 laws, p, lists, walls, tile, dt, inverse, books, pair_buffer, blows[tile % 2]
             )
-        if tile > first:  # the blows of the tile before, for which this one's forces are known now
+        if tile > first:  # blows of the previous tile: the forces of this one are known now
             strike_floes(
                 laws.contact, lists.pairs.slip, inverse, p.floes, p.spinning, blows[(tile - 1) % 2],
                 before, dt, p.force, books.held[tile - 1], books.lost[tile - 1],
@@ -665,35 +665,35 @@ def verlet(
     laws, forces, at, packed, lists, walls, books, first_kick, way, dt, steps, substeps, marked,
     travelled, reach, drag_every, lag, buffers,
 ):  # fmt: skip
-    """Up to `steps` steps of dt; ends early when floes have strayed nearly as far as `reach` [m]. Returns steps done.
+    """Take up to `steps` steps of dt; stop early when displacements near `reach` [m]. Returns the number of steps done.
 
         kick and push    `push_block`, in steps in which the other forces act
         kick and drift   `glide`
         touch            `touch`, then the blows that it noted
         kick             with the next step's first, or in `end_steps`
 
-    The last half kick of a step and the first of the next are of the same force: they are one kick, unless the other
-    forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list is
-    to be made anew between.  `threads.verlet_in_threads` does the same chunk by chunk: what changes here, changes there.
+    The last half kick of a step and the first of the next have the same force: they are one kick, unless the other
+    forces act between them.  Floes move and touch tile by tile, while they are in the cache, unless the short list
+    must be rebuilt in between.  `threads.verlet_in_threads` does the same chunk by chunk: change both together.
 
-    first_kick : time of the first kick of contact forces [s], see `Advance._first_kick`
-    way : of the fastest floe in a step [m], if the short list is of the present place; inf: it is to be made anew
-    travelled, reach : how far floes have strayed from `marked`, and how far they may [m]
+    first_kick : duration of the first kick of contact forces [s], see `Advance._first_kick`
+    way : displacement of the fastest floe in a step [m] if the short list is current; inf: the list must be rebuilt
+    travelled, reach : displacement of floes from `marked`, and the largest permitted [m]
     lag : see `time_to_push`; none is left after `steps`
     """
     p, near, last = packed, lists.near, lists.near.counts.size
-    # a zero, but no literal: for one the compiler would make kernels of their own
+    # zero, but not a literal, for which the compiler would make a second set of kernels
     first = last - last
     done, kicks, since, skin = 0, (0.0, first_kick), 0.0, lists.skin
     while done < steps:
-        if not travelled < reach:  # as a sum of ways, which is more than how far floes have strayed
+        if not travelled < reach:  # a sum over steps, which overestimates the displacement
             travelled = strayed(p.floes, walls.walls, marked)
             if not travelled < NEARLY * reach:
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, skin)
         fastest = move_walls(walls.walls, kicks, dt)
-        for half in range(2 if anew else 1):  # move, list anew, touch; or move and touch at once
+        for half in range(2 if anew else 1):  # move, rebuild the list, touch; or move and touch
             if half == 1:
                 skin = wide_enough(lists.skin, way)
                 narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap,
@@ -718,9 +718,9 @@ def verlet(
 
 @in_place
 def strayed(floes, walls, marked):
-    """Half of the way by which any two floes, or a floe and a wall, may have neared each other since they were marked [m].
+    """Half the distance by which two floes, or a floe and a wall, may have come closer since they were marked [m].
 
-    What all floes do alike brings none of them nearer: it counts only where there are walls or edges.
+    A displacement common to all floes brings none of them closer; it counts only where there are walls or edges.
     """
     none = 0.0 if marked.still or floes.size == 0 else np.inf
     west, east, south, north = none, -none, none, -none
@@ -747,9 +747,9 @@ def _(walls: None, positions):
 
 @inner
 def wide_enough(skin, way):
-    """Skin of a short list [m], such that it lasts for some steps while floes move as fast as now.
+    """Skin of a short list [m] that lasts for some steps if floes keep their present speed.
 
-    skin : at least; way : of the fastest floe in a step [m]
+    skin : minimum [m]; way : displacement of the fastest floe in a step [m]
     """
     return max(skin, LASTING * way)
 
@@ -758,14 +758,14 @@ def wide_enough(skin, way):
 def is_stale(since, way, skin):
     """Whether a pair that is not on the short list may touch after the next step.
 
-    since, way : of the fastest floe since the list was made, and in the last step [m]
+    since, way : displacement of the fastest floe since the list was made, and in the last step [m]
     """
     return since + 2.0 * way > 0.5 * skin
 
 
 @inner
 def forget(spinning, force):
-    """Forces of the last step are used up."""
+    """Set the contact forces to 0."""
     for k in range(force.size):
         forget_one(spinning, force[k])
 

@@ -1,4 +1,4 @@
-"""Units of files as factors to SI; what is not known is refused, with what would be right."""
+"""Units of files as factors to SI; unknown units are refused, with those allowed."""
 
 import re
 
@@ -17,7 +17,7 @@ DURATIONS = {
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _KNOTS = {"kt", "kts", "kn", "knot", "knots"}
-# What is to be done about units that are not known: where an option says them, and where none does.
+# Remedies for unknown units: where an option can give them, and where none can.
 BY_OPTION, IN_FILE = "say which with units", "put right its attribute units"
 _FRACTIONS = {
     **dict.fromkeys(
@@ -52,14 +52,14 @@ def length_factor(units: str | None, where: str, remedy: str = BY_OPTION) -> flo
 
 
 def fraction_factor(units: str | None, where: str) -> float:
-    """Factor from `units` to 1; no units at all is 1."""
+    """Factor from `units` to 1; missing units count as 1."""
     if _tidy(units) not in _FRACTIONS:
         raise InputError(_unknown(units, where, "a fraction: 1 or %", IN_FILE))
     return _FRACTIONS[_tidy(units)]
 
 
 def is_percent(units: str | None) -> bool:
-    """Whether a fraction in these units is 100 where it is whole."""
+    """Whether these units are percent: full cover is 100."""
     return _FRACTIONS.get(_tidy(units)) == 0.01
 
 

@@ -1,8 +1,8 @@
-"""Variables of CF files: found, given their dimensions' meaning, and read piece by piece.
+"""Variables of CF files: search, meaning of their dimensions, and reading piece by piece.
 
 A variable is found by the name that the user gave, else by its CF standard_name, else by a short
-well-known name; two that fit, or none, is an error that lists what is there.  Nothing is read until
-`Field.read` asks for a box of one record.
+well-known name; two matches, or none, are an error that lists the variables.  Nothing is read until
+`Field.read` requests a box of one record.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class File(NamedTuple):
-    """An opened data set and what errors call it."""
+    """An opened data set, and its name in errors."""
 
     label: str
     data: xr.Dataset
@@ -71,7 +71,7 @@ class Field(NamedTuple):
         return tuple(self.array.sizes[d] for d in self.dims) if self.dims else (1, 1)
 
     def read(self, record: int, box: Box) -> np.ndarray:
-        """The values of one record in a box, float64, as they stand in the file (fill values: NaN)."""
+        """The values of one record in a box, float64, in the units of the file (fill values: NaN)."""
         index = dict(self.fixed)
         if self.time is not None:
             index[self.time] = record
@@ -80,7 +80,7 @@ class Field(NamedTuple):
         piece = self.array.isel(index).transpose(*self.dims)
         try:
             values = np.asarray(piece.values, float).reshape(box.shape if self.dims else (1, 1))
-        except (RuntimeError, OSError) as error:  # as NetCDF calls what HDF5 cannot unpack
+        except (RuntimeError, OSError) as error:  # raised by NetCDF if HDF5 cannot unpack the data
             raise InputError(
                 f"{self.label}: cannot be read ({error}): is the file damaged?"
             ) from error
@@ -88,9 +88,9 @@ class Field(NamedTuple):
 
 
 def _valid(array: xr.DataArray, values: np.ndarray) -> np.ndarray:
-    """The values, NaN where an attribute that xarray does not heed says that there is none.
+    """The values, NaN where an attribute that xarray ignores marks them as missing.
 
-    These are the limits of what is valid, and fill values of another type than the variable's: 1e20 as float32 is not 1e20.
+    These are the valid range, and fill values of another type than the variable's: 1e20 as float32 is not 1e20.
     """
     low, high = _valid_range(array)
     missing = (values < low) | (values > high)
@@ -102,7 +102,7 @@ def _valid(array: xr.DataArray, values: np.ndarray) -> np.ndarray:
 
 
 def _valid_range(array: xr.DataArray) -> tuple[float, float]:
-    """Lowest and highest valid value, ∓inf where attributes do not say; whole numbers are limits of packed values."""
+    """Lowest and highest valid value, ∓inf without attributes; integers are limits of packed values."""
     attrs, told = array.attrs, array.encoding
     step = float(told.get("scale_factor", 0.0))
 
@@ -122,7 +122,7 @@ def _valid_range(array: xr.DataArray) -> tuple[float, float]:
     low, high = limit(said[0], -np.inf), limit(said[1], np.inf)
     if not low < high:
         return -np.inf, np.inf
-    # values are rounded by packing, and limits as numbers of another type than the values
+    # packing rounds values; limits are rounded if their type differs from that of the values
     return low - 1e-6 * abs(low) - step / 2, high + 1e-6 * abs(high) + step / 2
 
 
@@ -130,7 +130,7 @@ def _valid_range(array: xr.DataArray) -> tuple[float, float]:
 
 
 class Wanted(NamedTuple):
-    """How variables that belong together are recognised, the first that fits taken.
+    """Names by which variables that belong together are recognised; the first match is taken.
 
     Each row of `standard` (standard names) and `short` (names) holds one name for each variable, and last a
     word about them, or None.
@@ -142,7 +142,7 @@ class Wanted(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Variables, the word about them (None: nothing known), and how they were found."""
+    """Variables found, the word about them (None: unknown), and how they were found."""
 
     variables: tuple[tuple[File, str], ...]
     word: str | None
@@ -155,8 +155,8 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
     Raises
     ------
     InputError
-        if there are none or more than one (the line lists the candidates and names `option`), or if one is in several
-        files.
+        if there is no match or more than one (the line lists the candidates and names `option`), or if a variable is in
+        several files.
     """
     where = ", ".join(f.label for f in files)
     if given is not None:
@@ -196,7 +196,7 @@ def find(files: list[File], wanted: Wanted, given: Sequence[str] | None, option:
 
 
 def holds(files: list[File], wanted: Wanted) -> bool:
-    """Whether anything goes by the standard names or the short names of what is wanted."""
+    """Whether any variable has one of the standard or short names that are wanted."""
     standard = (name for row in wanted.standard for name in row[:-1])
     short = (name for row in wanted.short for name in row[:-1])
     return any(_with_standard_name(files, name) for name in standard) or any(
@@ -216,7 +216,7 @@ def _named(files: list[File], name: str, where: str, option: str) -> tuple[File,
 
 
 def _check_one(holding: list[File], name: str) -> File:
-    """The one file that has a variable; InputError if there are several, as of a series cut in pieces."""
+    """The one file that has a variable; InputError if several have it, as in a series split into files."""
     if len(holding) > 1:
         raise InputError(
             f"{name} is in both {holding[0].label} and {holding[1].label}: several files hold the parts u, v, positions,"
@@ -261,7 +261,7 @@ _NORTH = {"degrees_north", "degree_north", "degree_n", "degrees_n", "degreen", "
 
 
 def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
-    """What a coordinate is: "lon", "lat", "x", "y", "time", "vertical", or None."""
+    """The role of a coordinate: "lon", "lat", "x", "y", "time", "vertical", or None."""
     attrs, low = variable.attrs, str(name).lower()
     standard, axis = str(attrs.get("standard_name", "")), str(attrs.get("axis", ""))
     units = str(attrs.get("units", "")).lower()
@@ -284,14 +284,14 @@ def role(name: str, variable: xr.DataArray | xr.Variable) -> str | None:
 
 
 def with_same_points(file: File, files: Sequence[File], dims: Sequence[str]) -> list[File]:
-    """The file, and after it the others of `files` that have as many points along `dims`."""
+    """The file, followed by the others of `files` that have as many points along `dims`."""
     sizes = {d: file.data.sizes[d] for d in dims}
     others = (f for f in files if f is not file)
     return [file, *(f for f in others if sizes.items() <= dict(f.data.sizes).items())]
 
 
 def refuse_other_points(file: File, other: File, dims: Sequence[str]) -> None:
-    """InputError if what another file has along `dims` is of other places, by the coordinates of both."""
+    """InputError if the coordinates of another file along `dims` differ from those of the file."""
     for dim in dims if other is not file else ():
         if not (dim in file.data.variables and dim in other.data.variables):
             continue
@@ -306,7 +306,7 @@ def refuse_other_points(file: File, other: File, dims: Sequence[str]) -> None:
 
 
 def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
-    """The variable that says what the points along a dimension are, or None."""
+    """The coordinate variable of a dimension, or None."""
     if dim in file.data.variables:
         return dim, file.data[dim]
     for name, variable in file.data.variables.items():
@@ -316,7 +316,7 @@ def coordinate(file: File, dim: str) -> tuple[str, xr.DataArray] | None:
 
 
 def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | None = None) -> Field:
-    """Give each dimension of a variable its meaning, and choose the level nearest to `depth` [m].
+    """Determine the meaning of each dimension of a variable, and choose the level nearest to `depth` [m].
 
     Raises
     ------
@@ -341,7 +341,7 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
         found = coordinate(file, dim)
         roles[dim] = role(*found) if found else "time" if dim.lower() in _TIME else None
     times = [d for d in sizes if roles[d] == "time" and d not in fixed]
-    time = max(times, key=lambda d: sizes[d] > 1, default=None)  # not the one date of a forecast
+    time = max(times, key=lambda d: sizes[d] > 1, default=None)  # not a forecast's single date
     for dim in sizes:
         if roles[dim] == "vertical" and dim not in fixed:
             fixed[dim] = _level(file, dim, depth, where)
@@ -349,7 +349,7 @@ def field(file: File, name: str, depth: float = 0.0, select: dict[str, int] | No
     if len(rest) != 2:
         fixed |= {d: 0 for d in rest if sizes[d] == 1 and roles[d] in (None, "time")}
         rest = [d for d in rest if d not in fixed]
-    if all(sizes[d] == 1 for d in rest):  # a series at one point, whether or not it keeps its axes
+    if all(sizes[d] == 1 for d in rest):  # a series at one point, with or without axes of size 1
         fixed |= dict.fromkeys(rest, 0)
         rest = []
     if len(rest) == 1:

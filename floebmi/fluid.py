@@ -1,7 +1,7 @@
-"""Ocean and atmosphere as the ice sees them: the fields that drive it on a grid, and the impulse returned to them.
+"""Ocean and atmosphere as seen by the ice: the fields on a grid that drive it, and the impulse returned to them.
 
-A host, a file or a constant provides the values in these arrays; `Model.advance` reads them at the floes, and
-adds the opposite of the impulse of their drag to the cells from which they were read.
+A host, a file or a constant provides the values in these arrays; `Model.advance` samples them at the floes, and
+adds the opposite of the drag impulse to the cells in which they were sampled.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,7 +32,7 @@ from floebmi.quantities import flat, is_number, unmasked
 from floebmi.sampling import Weights, gather_each, without_cell
 from floebmi.vorticity import Vorticity
 
-FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or of another unit
+FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or in other units
 
 
 class _Cells:
@@ -64,7 +64,7 @@ class _Cells:
 
 
 class Fluid:
-    """Ocean or atmosphere as the ice sees it, on a grid; all arrays are flat, and written in place.
+    """Ocean or atmosphere as seen by the ice, on a grid; all arrays are flat, and written in place.
 
     Attributes
     ----------
@@ -78,10 +78,10 @@ class Fluid:
     magnitude : magnitude of each floe's impulse over the last exchange, summed per cell area [N s/m²];
         None for the atmosphere
     coefficient : stress on the ocean over (ice − ocean velocity), Σ K |Δu| per cell area for drags K |Δu| Δu, at the end
-        of the last exchange, with the water velocity that it read [kg m-2 s-1]; None for the atmosphere
+        of the last exchange, with the water velocity used in it [kg m-2 s-1]; None for the atmosphere
     undelivered : impulse (x, y) of floes that touch no wet cell [N s]
-    layer_thickness : thickness of the ocean's uppermost layer [m], if a host or a scene sets it: the model then warns
-        when the host's exchanges are too rare for a lagged stress (eq. lagged-stress); default None
+    layer_thickness : thickness of the ocean's uppermost layer [m], if set by a host or a scene: the model then warns
+        when exchanges are too infrequent for a lagged stress (eq. lagged-stress); default None
     """
 
     __slots__ = (
@@ -100,7 +100,7 @@ class Fluid:
         self.impulse_x, self.impulse_y = zeros(), zeros()
         self.last_x, self.last_y = zeros(), zeros()
         self._sizes = (zeros(), zeros()) if ocean else (None, None)
-        # weights, order, table of the drag, floes and their density in the last exchange; None once `_sizes` are of it
+        # weights, order, table of the drag, floes and their density in the last exchange; None once `_sizes` are computed
         self._drag: tuple | None = None
         self.undelivered = np.zeros(2)
         self.layer_thickness: float | None = None
@@ -194,9 +194,9 @@ def sample(
     order: np.ndarray,
     rotation: bool,
 ) -> dict[Grid, Weights]:
-    """Let each force read what it needs at the floes; returns the weights that it was read with, by grid.
+    """Sample the fluids at the floes for each force; returns the weights used, by grid.
 
-    tables : of each force, by block, of the floes of these numbers; rotation : whether floes rotate
+    tables : of each force, by block of floes; order : numbers of these floes; rotation : whether floes rotate
     """
     weights: dict[Grid, Weights] = {}
     nowhere: dict[Grid, tuple[np.ndarray, ...]] = {}  # block, lane of floes without a wet cell
@@ -231,9 +231,9 @@ def impulses_of_drag(
     weights: Mapping[Grid, Weights],
     order: np.ndarray,
 ) -> list[tuple]:
-    """What drag gave to the floes, ready for `give_impulses_back`; the parameters as for `sample`.
+    """The impulses of drag on the floes, prepared for `give_impulses_back`; parameters as for `sample`.
 
-    For each grid its weights with the order of floes, and of each fluid on it the impulses and where they go.
+    For each grid: its weights with the order of the floes, and for each fluid on it the impulses and their destination.
     """
     by_grid: dict[Grid, list[tuple[np.ndarray, ...]]] = {}
     for force, at in zip(forces, tables, strict=True):
@@ -246,6 +246,6 @@ def impulses_of_drag(
 
 
 def give_impulses_back(impulses: list[tuple]) -> None:
-    """The fluids get the opposite of the impulse that their drag gave."""
+    """Give the fluids the opposite of the impulse of their drag."""
     for weights, each in impulses:
         give_back(*weights, each)

@@ -1,6 +1,6 @@
-"""How much of a disc or of a branch lies in a cell, in closed form.
+"""Exact area of a disc, and length of a branch, in a cell.
 
-A disc and a polygon.  The centre of the disc is moved to the origin O first.  Each edge a → b,
+A disc and a polygon.  The centre of the disc is first moved to the origin O.  Each edge a → b,
 taken counter-clockwise, adds the signed area that the disc shares with the triangle O a b; the sum
 over the edges is exact for convex and concave polygons, wherever O lies.
 
@@ -19,12 +19,12 @@ over the edges is exact for convex and concave polygons, wherever O lies.
 
 A disc and a rectangle.  With H(x) the area of the disc west of a line at x from O,
 
-    H(x) = r² (π/2 + asin(x/r)) + x √(r² − x²) = r² s(1 − |x|/r) for x ≤ 0, else π r² less that,
+    H(x) = r² (π/2 + asin(x/r)) + x √(r² − x²) = r² s(1 − |x|/r) for x ≤ 0, else π r² minus that,
 
-s(h) being the segment of height h of the unit disc, the area south-west of a corner (x, y) needs no more than H of its two lines, and the rectangle is
-the sum of its four corners with signs + − + −.  One H serves a whole line of a rectilinear grid.
+s(h) being the segment of height h of the unit disc, the area south-west of a corner (x, y) needs only H of its two lines, and the rectangle is
+the sum over its four corners with signs + − + −.  One H serves a whole line of a rectilinear grid.
 
-A branch, the line from one floe's centre to another's, is cut where it crosses edges; each piece
+A branch, the line from the centre of one floe to that of another, is cut where it crosses edges; each piece
 then lies in one cell.
 """
 
@@ -87,7 +87,7 @@ def disc_polygon(corner_x, corner_y, x, y, r):
 
 
 # s(h) over h^(3/2), h = 0 … 1: a polynomial in 2 h − 1, interpolated at Chebyshev points, within 6e-17 of
-# (acos(1 − h) − (1 − h) √(2 h − h²)) / h^(3/2).  The terms of even powers, and of odd ones.
+# (acos(1 − h) − (1 − h) √(2 h − h²)) / h^(3/2).  Coefficients of the even and of the odd powers.
 EVEN = (
     1.7371770873806551, -8.779284872174e-03, -1.8258110411525902e-04, -7.571550556357413e-06,
     -4.1611048759902377e-07, -2.6708789646852933e-08, -1.9053409611095405e-09, -1.327408887000293e-10,
@@ -101,7 +101,7 @@ ODD = (
 
 @jit
 def horner(coefficients, x):
-    """The polynomial with these coefficients, that of the power 0 first."""
+    """The polynomial with these coefficients, in ascending order of powers."""
     total = coefficients[-1]
     for k in range(len(coefficients) - 2, -1, -1):
         total = total * x + coefficients[k]
@@ -112,8 +112,8 @@ def horner(coefficients, x):
 def disc_west(x, r):
     """H: area of the disc about O that lies west of the line at x [m²].
 
-    It compiles inline, where `asin` of the C library takes as long as all the rest; and of a line that all but touches
-    the disc it knows r − |x| exactly, where x/r has lost it.
+    It compiles inline, whereas `asin` of the C library would take as long as all the rest; and for a line almost tangent
+    to the disc it uses r − |x| directly, a difference that x/r would lose to rounding.
     """
     h = max(r - abs(x), 0.0) / r
     t = 2.0 * h - 1.0
@@ -124,23 +124,23 @@ def disc_west(x, r):
 @jit
 def disc_south_west(x, y, west, south, r):
     """Area of the disc about O south-west of the corner (x, y), from H of its lines [m²]."""
-    full = math.pi * r * r  # all cases are computed: which it is cannot be foreseen
+    full = math.pi * r * r  # all cases are computed, to avoid an unpredictable branch
     inside = x * y + 0.5 * (west + south) - 0.25 * full
-    # a corner beyond the disc: by how much the two parts overlap, or the smaller, which lies in the other
+    # a corner outside the disc: the overlap of the two parts, or the smaller one, which lies in the other
     beyond = max(west + south - full, 0.0) if x * y > 0.0 else min(west, south)
     return inside if x * x + y * y < r * r else beyond
 
 
 @jit
 def cut(px, py, dx, dy, ax, ay, bx, by):
-    """Where the branch p + t d crosses the edge a → b, as t in (0, 1); -1 if it does not.
+    """Position t in (0, 1) at which the branch p + t d crosses the edge a → b; −1 if it does not.
 
-    Edges count as a little longer than they are: a cut too many only makes two pieces of one, a cut
-    missed at a corner would give a piece to the wrong cell.
+    Edges count as slightly longer than they are: an extra cut only splits a piece in two, whereas a cut
+    missed at a corner would assign a piece to the wrong cell.
     """
     ex, ey = bx - ax, by - ay
     area = dx * ey - dy * ex
-    if area == 0.0:  # alongside: the ends of the edge are cut by the edges that meet it there
+    if area == 0.0:  # parallel: the adjoining edges make the cuts at the ends of this one
         return -1.0
     t = ((ax - px) * ey - (ay - py) * ex) / area
     s = ((ax - px) * dy - (ay - py) * dx) / area
@@ -149,7 +149,7 @@ def cut(px, py, dx, dy, ax, ay, bx, by):
 
 @jit
 def lens(r_i, r_j, distance):
-    """Area that two discs have in common [m²], their centres `distance` [m] apart."""
+    """Area of the intersection of two discs [m²] whose centres are `distance` [m] apart."""
     if distance >= r_i + r_j:
         return 0.0
     small = min(r_i, r_j)

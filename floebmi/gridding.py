@@ -1,29 +1,29 @@
-"""Floes → grid: what a host or a file sees of the floes, cell by cell, with nothing lost.
+"""Gridded fields of the floes, for hosts and files, without losses.
 
-Everything starts from the exact area of each disc in each cell (`coverage`).  Extensive quantities
-are shared out by area; means are weighted by what they are means of: thickness by ice area,
-velocity by mass, radius and coordination number by floes.  What lies outside the grid is counted,
-not forgotten:
+All fields start from the exact area of each disc in each cell (`coverage`).  Extensive quantities
+are distributed by area; means have matching weights: thickness by ice area,
+velocity by mass, radius and coordination number by floes.  The part outside the grid is also
+accounted for:
 
     Σ_k π r_k² = Σ_wet A c + Σ_wet A (overlap) + Σ_dry ice area + Σ_k outside_k    (eq. area-budget)
 
-Dry cells keep the ice that lies on them (a coast is made of floes); to mask them is for the writer.
+Dry cells keep the ice that lies on them (a coast is made of floes); the writer masks them.
 
-Internal stress.  A contact pushes floe i with force f, the branch d leads from the centre of i to
-that of j.  Spread evenly along its branch, it makes a stress that is negative in compression,
+Internal stress.  A contact exerts the force f on floe i; the branch d leads from the centre of i to
+that of j.  Spread evenly along its branch, it gives a stress that is negative in compression,
 
     σ(x) = Σ_contacts f ⊗ d ∫₀¹ δ(x − x_i − s d) ds                            (eq. internal-stress)
 
-whose mean over a cell needs the length of each branch in the cell, and no more; Σ_c σ A is the
-virial Σ f ⊗ d, exactly.  Integrating the divergence along the branch leaves its two ends,
+whose mean over a cell needs only the length of each branch in the cell; Σ_c σ A is exactly the
+virial Σ f ⊗ d.  Integrating the divergence along the branch leaves its two ends,
 
     ∇·σ = Σ_contacts f [δ(x − x_i) − δ(x − x_j)] = Σ_floes F_k δ(x − x_k)    (eq. stress-divergence)
 
 F_k being the net contact force on floe k.  So the divergence needs no differences between cells: it
-is the net contact forces, shared out by the same weights as every other force, on any kind of grid,
+is the net contact force, distributed with the same weights as every other force, on any kind of grid,
 and its sum over the grid is the sum of the F_k to round-off.  (Differences of σ between cells of a
-few floes would be noise of order σ / cell size, where the force on a floe at rest is a small
-remainder.)
+few floes would be noise of order σ / cell size, whereas the net force on a floe at rest is a small
+residual.)
 
 I. Goldhirsch, Granular Matter 12, 239 (2010), doi:10.1007/s10035-010-0181-z.
 """
@@ -43,9 +43,9 @@ from floebmi.sampling import Coverage, Period, Weights, images, scatter
 
 
 class AreaBudget(NamedTuple):
-    """Where the area of the floes is [m²]; the parts add up to Σ π r² (eq. area-budget).
+    """Budget of the area of the floes [m²]; the parts add up to Σ π r² (eq. area-budget).
 
-    wet : in wet cells, as the area fraction shows it
+    wet : in wet cells, as in the area fraction
     overlap : in wet cells, beyond an area fraction of 1
     dry : in dry cells
     outside : outside the grid
@@ -61,8 +61,8 @@ class InternalStress(NamedTuple):
     """Internal stress, summed over the thickness; negative in compression.
 
     xx, xy, yy : (size,) [N/m]
-    xy is the symmetric part, ½ (f_x d_y + f_y d_x); the other part is the couple of friction, which
-    the spin of the floes takes up.
+    xy is the symmetric part, ½ (f_x d_y + f_y d_x); the antisymmetric part is the couple of friction,
+    which the rotation of the floes takes up.
     outside : (3,) virial xx, xy, yy of the parts of branches outside the grid [N m]
     """
 
@@ -73,7 +73,7 @@ class InternalStress(NamedTuple):
 
 
 def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
-    """Where the area of the floes is: wet cells, overlap, dry cells, outside the grid [m²]."""
+    """Budget of the area of the floes: wet cells, overlap, dry cells, outside the grid [m²]."""
     _check_grid(grid, coverage.size)
     ice = coverage.in_cells
     shown = np.minimum(ice, grid.area)
@@ -87,12 +87,12 @@ def area_budget(grid: Grid, coverage: Coverage) -> AreaBudget:
 
 @in_place
 def give_back(start, cell, amount, over, number, fluids):
-    """Share out what fluids gave to the floes, by the weights they were read with, and turn its sign.
+    """Distribute the impulse of fluids on the floes over the cells, reversed, with the weights of the sampling.
 
     start, cell, amount, over : see `sampling.Weights`
-    fluids : for each a tuple of impulse_x, impulse_y of the floes of these numbers [N s], (blocks, BLOCK);
-        last_x, last_y, filled with the fluid's impulse in each cell [N s]; total_x, total_y, to which that is added;
-        and lost (2,), to which that is added which finds no cell.  Floes that came in since have no weights yet.
+    fluids : for each a tuple of impulse_x, impulse_y on the floes `number` [N s], (blocks, BLOCK);
+        last_x, last_y, filled with the fluid's impulse in each cell [N s]; total_x, total_y, to which it is added;
+        and lost (2,), to which any impulse without a cell is added.  Floes that entered since have no weights yet.
     """
     for q in range(len(fluids)):
         _, _, last_x, last_y, _, _, _ = fluids[q]
@@ -124,7 +124,7 @@ def give_back(start, cell, amount, over, number, fluids):
 
 @in_place
 def per_area(amount, over, cell_area, out):
-    """Fill out with the amount in each cell, times a number, per its area."""
+    """Fill `out` with the amount in each cell, times `over`, per cell area."""
     for c in range(amount.size):
         out[c] = amount[c] * (over / cell_area[c])
 
@@ -166,7 +166,7 @@ STATE = (
 
 @jit
 def _cell_fields(start, cell, area, h, u, v, r, contacts, cell_area, density, fill, out):
-    """The fields of STATE, in that order; their arrays hold sums over floes first."""
+    """Fill the fields of STATE, in that order; their arrays first hold sums over floes."""
     fraction, overlap, porosity, thickness, mass, along_x, along_y, count, radius, partners = out
     for c in range(cell_area.size):
         fraction[c] = thickness[c] = along_x[c] = along_y[c] = 0.0
@@ -209,7 +209,7 @@ def cell_fields(
     fill: float = 0.0,
     out: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
-    """The floes as fields on the grid, one value per cell.
+    """Gridded fields of the floes, one value per cell.
 
     Parameters
     ----------
@@ -217,22 +217,22 @@ def cell_fields(
     thickness, u, v, radius : (n,) floe thickness [m], velocity [m/s], radius [m]
     density : of ice [kg/m³]
     coordination : (n,) number of contacts of each floe [1]
-    fill : what means show where there is no ice: 0 in memory, NaN in files
+    fill : value of means where there is no ice: 0 in memory, NaN in files
     out : arrays to write into, by name; new ones for the others
 
     Returns
     -------
     dict of (size,) arrays, by the names of `floebmi.variables`:
-    area_fraction [1] at most 1; overlap_fraction [1] what is beyond 1; porosity [1] what is left to 1
+    area_fraction [1] at most 1; overlap_fraction [1] excess over 1; porosity [1] 1 − area_fraction
     where there is ice; thickness [m] mean over the ice; mass_per_area [kg/m²] of the cell;
     ice_velocity_x, ice_velocity_y [m/s] mean by mass;
-    floe_count [1] sum of the shares of floes by area, so that the grid's sum is the number of floes
-    in it; mean_radius [m] and coordination_number [1], means over those shares.
+    floe_count [1] sum of the area shares of floes, so that the sum over the grid is the number of
+    floes in it; mean_radius [m] and coordination_number [1], means weighted by these shares.
 
     Raises
     ------
     InputError
-        for arrays of a wrong size.
+        for arrays of the wrong size.
     """
     _check_grid(grid, coverage.size)
     n = coverage.start.size - 1
@@ -251,7 +251,7 @@ def cell_fields(
 
 @jit
 def _insert(cuts, begin, end, t):
-    """Put t into cuts[begin:end + 1], kept in order; the array doubles when it is full."""
+    """Insert t into the sorted cuts[begin:end + 1]; the array doubles when it is full."""
     if end == cuts.size:
         longer = np.empty(2 * end + 64)
         for e in range(end):
@@ -269,7 +269,7 @@ def _cut_branches(
     origin, scale, bin_start, bin_cell, low, box, raster, corner_x, corner_y,
     x, y, dx, dy, start, cuts,
 ):  # fmt: skip
-    """Where branches cross edges of cells, in order from 0 to 1: fills start, returns cuts."""
+    """Positions at which branches cross cell edges, sorted from 0 to 1: fills start, returns cuts."""
     m = start[0]
     for k in range(x.size):
         px, py = x[k], y[k]
@@ -314,8 +314,8 @@ def branch_shares(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Share of the length of each branch in the cells that it crosses: branch, cell, share.
 
-    A piece between two cuts belongs to the cell that holds its middle, so a piece along an edge
-    counts once, and all pieces add up to the branch; those outside the grid are left out.
+    A piece between two cuts belongs to the cell that contains its midpoint, so a piece along an edge
+    counts once, and all pieces add up to the branch; pieces outside the grid are left out.
     """
     half_x, half_y = 0.5 * dx, 0.5 * dy
     branch, image_x, image_y = images(
@@ -329,7 +329,7 @@ def branch_shares(
         start, np.empty(8 * branch.size),
     )  # fmt: skip
     begin, end = cuts[: start[-1] - 1], cuts[1 : start[-1]]
-    piece = np.flatnonzero(end > begin)  # from one branch to the next the cuts fall back to 0
+    piece = np.flatnonzero(end > begin)  # each branch restarts its cuts at 0
     image = np.searchsorted(start, piece, side="right") - 1
     middle = 0.5 * (begin[piece] + end[piece])
     cell = grid.locate(image_x[image] + middle * dx[image], image_y[image] + middle * dy[image])
@@ -348,11 +348,11 @@ def internal_stress(
     fy: np.ndarray,
     period: Period = (None, None),
 ) -> InternalStress:
-    """Stress of contact forces, spread along the branches over the cells that they cross.
+    """Stress of contact forces, distributed along the branches over the cells that they cross.
 
     Parameters
     ----------
-    x, y : (contacts,) where branches begin: the *centre of floe i* [m]
+    x, y : (contacts,) start of the branches: the *centre of floe i* [m]
     dx, dy : (contacts,) branch: centre of j − centre of i [m]; at a wall, contact point − centre
     fx, fy : (contacts,) contact force on floe i [N]; it points away from j in compression
     period : lengths (Lx, Ly) of a periodic domain [m], None where not periodic
@@ -389,11 +389,11 @@ def divergence(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Divergence of the internal stress: force on the ice per cell area (eq. stress-divergence).
 
-    It is the alternative to the ice-ocean stress that some hosts want, never to be added to it.
+    Some hosts need it instead of the ice-ocean stress; it must never be added to that.
 
     Parameters
     ----------
-    weights : of the floes on this grid, those that share out all other forces
+    weights : of the floes on this grid, as for all other forces
     force_x, force_y : (n,) net contact force on each floe, walls included [N]
 
     Returns
@@ -404,7 +404,7 @@ def divergence(
     Raises
     ------
     InputError
-        for arrays of a wrong size.
+        for arrays of the wrong size.
     """
     _check_grid(grid, weights.size)
     force = np.zeros((grid.size, 2))

@@ -1,8 +1,8 @@
-"""What an exchange leaves to the next one: what pairs remember, and their list while it lasts.
+"""What an exchange keeps for the next one: the memory of pairs, and their list while it is valid.
 
-A list of neighbours is a function of where the floes were when it was made.  So the places are all that a restart
-file has of it: made there again, it is the same list, pair by pair, and a run that restarts at an exchange
-goes on with the same bits as one that never stopped.
+A list of neighbours is a function of the positions of the floes when it was made.  So a restart file holds only
+these positions: rebuilt from them, the list is the same, pair by pair, and a run that is restarted at an exchange
+continues with the same bits as one that never stopped.
 """
 
 from typing import NamedTuple
@@ -16,21 +16,21 @@ from floebmi.pack import Packed
 from floebmi.stable_step import Stiffest
 from floebmi.survey import Survey
 
-# What decides which floes are listed as neighbours; the step depends on the thickness as well.
+# Columns that determine which floes are listed as neighbours; the step also depends on the thickness.
 DECISIVE = "x", "y", "radius", "active", "motion", "tensile_strength"
 
 
 class Kept(NamedTuple):
-    """A list of neighbours that the next exchange goes on with; its memory is `State.memory`.
+    """A list of neighbours that the next exchange continues with; its memory is `State.memory`.
 
     listed : where and how widely it was made
     lists : its tiles, and room for short lists
-    room, travelled : how far floes may stray until it is stale, and how far they have [m]
-    stiffest : what sets the step meanwhile, if that is known
+    room, travelled : displacement at which it becomes stale, and displacement so far [m]
+    stiffest : the limit on the step meanwhile, if known
     floes : as the exchange left them
-    packed : the same floes packed; the next exchange works in these arrays, writes places and velocities anew, and takes
-        over what follows from radius, thickness and prescribed motion; None: pack them anew
-    survey : their largest speed, kinetic energy …, if that is known
+    packed : the same floes packed; the next exchange reuses these arrays, rewrites positions and velocities, and keeps
+        what follows from radius, thickness and prescribed motion; None: pack them again
+    survey : their largest speed, kinetic energy …, if known
     """
 
     listed: Listed
@@ -43,7 +43,7 @@ class Kept(NamedTuple):
     survey: Survey | None
 
     def of(self, floes: Floes) -> "Kept | None":
-        """As much of it as holds for floes that somebody may have changed since; None: list them anew."""
+        """The part that is still valid for floes that may have been edited since; None: rebuild the list."""
         if not floes.same(self.floes, DECISIVE):
             return None
         if not floes.same(self.floes, ("thickness",)):
@@ -52,9 +52,9 @@ class Kept(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """What a restart file has of a list: enough to make it anew, bit for bit; empty where none is kept.
+    """The part of a list in a restart file: enough to rebuild it, bit for bit; empty where none is kept.
 
-    number, x, y : its floes in its order, and where they were when it was made (m,) [m]; walls : (w,) [m]
+    number, x, y : its floes in its order, and their positions when it was made (m,) [m]; walls : (w,) [m]
     way : room and travelled of `Kept` [m]; stiffest : its numbers, or none
     """
 
@@ -67,7 +67,7 @@ class Marks(NamedTuple):
 
 
 def marks(kept: Kept | None, number: np.ndarray) -> Marks:
-    """The marks of a list of floes of these numbers."""
+    """The marks of a list of floes with these numbers."""
     if kept is None:
         return Marks(np.zeros(0, np.int64), *np.zeros((5, 0)))
     way = np.array([kept.room, kept.travelled])

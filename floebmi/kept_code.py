@@ -1,9 +1,9 @@
-"""Where compiled kernels are kept from one run to the next: under a name for all that they are made of.
+"""The disk cache of compiled kernels, named after all sources that they depend on.
 
-numba's own cache watches only the file of the cached function, and would go on running an edited law of another file.
-Here the folder is named after a hash of the package's sources; kernels with a law from outside the package lie in
-folders of their own within it, by the code of that law.
-A cache is there to save time, and no run fails for it: where code cannot be kept or read, it is compiled anew.
+numba's own cache checks only the file of the cached function, and would keep running the old code of an edited law in
+another file.  Here the folder is named after a hash of the package's sources; kernels with a law from outside the
+package have separate subfolders, named after the code of that law.
+The cache only saves time, and no run fails because of it: code that cannot be stored or read is compiled again.
 """
 
 import functools
@@ -23,7 +23,7 @@ from floebmi.files import cache_folder
 
 PACKAGE = Path(__file__).parent
 
-laws_from_outside: dict[type, list[str]] = {}  # and digests of the code that is registered for each
+laws_from_outside: dict[type, list[str]] = {}  # with digests of the code registered for each
 
 
 def _short(*parts: bytes) -> str:
@@ -42,10 +42,10 @@ FOLDER = _folder()
 
 
 class _Locator:
-    """Where the code of a function is kept, as numba asks for it: in FOLDER, be it writable or not.
+    """The location of the cached code of a function, in numba's interface: in FOLDER, whether writable or not.
 
-    Left to itself, numba takes a folder beside the source instead of one that it cannot write to; nothing there tells
-    that a law in another file has changed.
+    By default numba would replace a folder that it cannot write to by one beside the source, where a change of a law in
+    another file goes unnoticed.
     """
 
     def __init__(self, function: Callable, file: str) -> None:
@@ -54,7 +54,7 @@ class _Locator:
 
     @classmethod
     def from_function(cls, function: Callable, file: str) -> Self | None:
-        return cls(function, file) if os.path.exists(file) else None  # a notebook's has none
+        return cls(function, file) if os.path.exists(file) else None  # None in a notebook
 
     def get_cache_path(self) -> str:
         of_sources = self._file.parent
@@ -81,7 +81,7 @@ class _CacheImpl(CompileResultCacheImpl):
 
 
 class _Files(IndexDataCacheFile):
-    """Two processes that keep code for other arguments at the same time do not call their files the same."""
+    """Cache files whose names differ for processes that store code for different arguments at the same time."""
 
     def save(self, key: tuple, data: Any) -> None:
         name = self._index_name.removesuffix(".nbi")
@@ -90,10 +90,10 @@ class _Files(IndexDataCacheFile):
 
 
 class Cache(FunctionCache):
-    """numba's, but a full disk, a folder that is not writable, or a damaged file costs time and no more."""
+    """numba's cache, except that a full disk, a read-only folder, or a damaged file costs only time."""
 
     _impl_class = _CacheImpl
-    _told = False  # that code cannot be kept: once is enough
+    _told = False  # whether the user was warned that code cannot be stored
 
     def __init__(self, function: Callable, apart: str = "") -> None:
         super().__init__(function)
@@ -105,9 +105,9 @@ class Cache(FunctionCache):
         )
 
     def _of(self, sig: Any) -> "Cache":
-        """The cache that a kernel with these arguments belongs to.
+        """The cache to which a kernel with these arguments belongs.
 
-        What lists the kernels of a folder can be read only where the modules of all their laws are found.
+        The index of a folder can only be read where the modules of all its laws can be imported.
         """
         apart = _apart(sig)
         return self if apart == self._apart else Cache(self._py_func, apart)
@@ -115,7 +115,7 @@ class Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super(Cache, self._of(sig)).load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001  what is read of a damaged file may raise anything
+        except Exception:  # noqa: BLE001  reading a damaged file may raise anything
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -140,7 +140,7 @@ class Cache(FunctionCache):
 
 
 def _apart(sig: Any) -> str:
-    """The folder of kernels with these arguments: one of their own, if a law from outside is among them."""
+    """The subfolder of kernels with these arguments: a separate one if they include a law from outside."""
     words = str(sig) if laws_from_outside else ""
     laws = [kind for kind in laws_from_outside if f"{kind.__name__}(" in words]
     code = [[kind.__module__, kind.__qualname__, *laws_from_outside[kind]] for kind in laws]
@@ -148,18 +148,18 @@ def _apart(sig: Any) -> str:
 
 
 def is_ours(code: FunctionType | type) -> bool:
-    """Whether a function, or a kind of law, is of this package, whose sources FOLDER is named after."""
+    """Whether a function, or a type of law, belongs to this package, after whose sources FOLDER is named."""
     if isinstance(code, FunctionType):
         return PACKAGE in Path(code.__code__.co_filename).parents
     return code.__module__.startswith("floebmi.")
 
 
 def digest_of(function: FunctionType) -> str:
-    """Of the file of a function from outside the package, and of all that it names: what its machine code is made of."""
+    """Digest of the file of a function from outside the package and of all that it refers to, the inputs of its machine code."""
     digest, seen, left = hashlib.sha256(), set(), [function]
     while left:
         one: Any = left.pop()
-        one = getattr(one, "py_func", one)  # what numba has compiled
+        one = getattr(one, "py_func", one)  # the Python function of a compiled one
         if id(one) in seen:
             continue
         seen.add(id(one))

@@ -1,9 +1,9 @@
-"""How this package uses numba; no other file sets it up.
+"""The set-up of numba for this package; no other file configures it.
 
-`jit` compiles with a disk cache, which is that of `kept_code`: numba's own would go on running an edited law.
+`jit` compiles with the disk cache of `kept_code`: numba's own would keep running the old code of an edited law.
 
-`dispatched` picks the code of a law by the *type* of its first argument, when the kernel is compiled.
-A law is a NamedTuple of numbers; `None` is the law that is not there, and compiles to nothing.
+`dispatched` selects the code of a law by the *type* of its first argument, when the kernel is compiled.
+A law is a NamedTuple of numbers; `None` is an absent law, and compiles to nothing.
 """
 
 import functools
@@ -24,8 +24,8 @@ from floebmi.kept_code import Cache, digest_of, is_ours, laws_from_outside
 from floebmi.making import Making
 
 FASTMATH = {"contract", "reassoc", "arcp", "nsz"}  # not nnan/ninf: they would defeat the NaN guards
-# Inlined into what Python calls.  Else each kernel would bring its own compiled copy of a function that several call,
-# each optimised in its own way, and which copy a process runs, and so the last bits, would depend on what it has
+# Inlined into the kernels that Python calls.  Otherwise each kernel would have its own compiled copy of a shared function,
+# each optimised differently; which copy a process runs, and so the last bits of results, would depend on what it
 # compiled before.
 OPTIONS = {
     "fastmath": FASTMATH,
@@ -33,16 +33,16 @@ OPTIONS = {
     "forceinline": True,
     "no_cfunc_wrapper": True,
 }
-# Counting references to arrays that somebody else owns would take a fifth of the time of compiling.
+# Reference counting of arrays owned by the caller would take a fifth of the compile time.
 IN_PLACE = {**OPTIONS, "_nrt": False}
-BLOCK = 64  # floes or pairs at a time: buffers stay in the nearest cache, and what is done to them vectorises
+BLOCK = 64  # floes or pairs at a time: buffers stay in the first-level cache, and loops over them vectorise
 
 
 class _PartCode(JITCodeLibrary):
-    """The code of a part of kernels, as it comes: kernels take it in, optimise it and make it into machine code.
+    """Unoptimised code of a part of kernels; the kernels include it, optimise it and compile it to machine code.
 
-    numba does that to each part by itself as well, which takes time and makes no step faster.  Should it come not to call
-    these methods, it will do so again, and nothing else will change.
+    By default numba also does this for each part alone, which takes time and makes no step faster.  If a future numba
+    does not call these methods, only that time is lost again.
     """
 
     def _optimize_functions(self, module: Any) -> None:
@@ -52,7 +52,7 @@ class _PartCode(JITCodeLibrary):
         pass
 
     def _finalize_final_module(self) -> None:
-        """Python gets nothing of it but the place where the texts that it prints are to be found."""
+        """Give Python only the environment globals, which lead to the texts that the code prints, not the code."""
         code = self._final_module
         places = [str(v) for v in code.global_variables if v.linkage is binding.Linkage.common]
         empty = str(self._codegen._create_empty_module(self.name))
@@ -62,7 +62,7 @@ class _PartCode(JITCodeLibrary):
 
 
 class _Part(Compiler):
-    """numba's own way to make code, into a `_PartCode`."""
+    """numba's compiler, with a `_PartCode` as its target library."""
 
     def __init__(self, typing: Any, target: Any, library: None, *rest: Any) -> None:
         super().__init__(typing, target, _PartCode(target.codegen(), "part"), *rest)
@@ -70,11 +70,11 @@ class _Part(Compiler):
 
 PART = {**IN_PLACE, "pipeline_class": _Part}
 
-_dispatched: list[Any] = []  # all functions whose code is picked by type
+_dispatched: list[Any] = []  # all functions whose code is selected by type
 
 
 def has_code(law: type) -> bool:
-    """Whether any code is registered for a kind of law itself."""
+    """Whether any code is registered for this type of law itself."""
     return any(law in one.registry for one in _dispatched)
 
 
@@ -87,25 +87,25 @@ def _compiled(function: Callable, options: dict) -> Any:
 
 
 def jit(function: Callable) -> Callable:
-    """Compile for the machine; cached on disk, NaN-safe fast mathematics, no GIL."""
+    """Compile to machine code: cached on disk, NaN-safe fast-math, without the GIL."""
     return _compiled(function, OPTIONS)
 
 
 def in_place(function: Callable) -> Callable:
-    """`jit` for what works on the arrays it is given and makes none: faster to compile and to call."""
+    """`jit` for functions that only use the arrays passed to them: faster to compile and to call."""
     return _compiled(function, IN_PLACE)
 
 
 def inlined(function: Callable) -> Callable:
-    """`in_place` whose source becomes part of the kernel that calls it: not compiled by itself as well."""
+    """`in_place`, with the source inlined into the calling kernel and not compiled separately."""
     return _compiled(function, {**IN_PLACE, "inline": "always"})
 
 
 def inner(function: Callable) -> Callable:
-    """Plain Python for Python, and a part of the kernels that call it.
+    """Plain Python when called from Python, and a part of the kernels that call it.
 
-    For what only kernels call.  It compiles sooner than with `jit`: without the wrapper by which Python calls a kernel,
-    and once for all kernels that call it.
+    For functions that only kernels call.  They compile faster than with `jit`: without the wrapper for calls from Python,
+    and once for all kernels that call them.
     """
     return register_jitable(**PART)(function)
 
@@ -113,8 +113,8 @@ def inner(function: Callable) -> Callable:
 def as_records(array: np.ndarray) -> np.ndarray:
     """An array of records whose fields kernels read as attributes.
 
-    Compiled kernels read them of any structured array, and take a plain one sooner than a recarray; kernels that are not
-    compiled need the recarray.
+    Compiled kernels can do so with any structured array, and accept a plain one faster than a recarray; kernels that are
+    not compiled need the recarray.
     """
     return array.view(np.recarray) if numba.config.DISABLE_JIT else array
 
@@ -128,9 +128,9 @@ def _python_type(numba_type: numba.types.Type) -> type:
 
 
 def dispatched(default: Callable) -> Any:
-    """A function whose code is picked by the type of its first argument, in Python and in kernels."""
+    """A function whose code is selected by the type of its first argument, in Python and in kernels."""
     generic: Any = functools.singledispatch(default)
-    picked: set[type] = set()  # by kernels that are compiled
+    picked: set[type] = set()  # by compiled kernels
     register = generic.register
 
     @overload(generic, strict=False, jit_options=PART)

@@ -1,6 +1,6 @@
-"""Lists of neighbours: the pairs of floes, and of floes and walls, that may touch until floes have strayed.
+"""Neighbour lists: the pairs of floes, and of floes and walls, that may touch until floes have moved too far.
 
-list_neighbours    lists them where packed floes are, and carries over what the pairs of an older list remember
+list_neighbours    lists them at the positions of packed floes, and carries over the memory of an older list
 """
 
 import math
@@ -17,26 +17,26 @@ from floebmi.pairs import PairList, near_of, remembering, room_for_blows
 from floebmi.tiles import Tiles, by_tile
 
 # Three widths, each a gap up to which pairs are listed, from the widest to the narrowest:
-#   skin     the list of pairs: it holds until floes have strayed by half of it
-#   closing  pairs that count in the stable step: it holds until floes have strayed by half of that
-#   near     the short list at least (see `dynamics.wide_enough`)
+#   skin     of the list of pairs, which holds until floes have moved by half of it
+#   closing  of the pairs that count in the stable step, which holds until floes have moved by half of it
+#   near     of the short list, at least (see `dynamics.wide_enough`)
 CLOSING = 0.3  # of the smallest radius, or up to three times that where sizes differ
 NARROWEST, WIDEST = 3.0, 6.0  # skin over closing
-FEW = 3000  # floes: making a list has a cost that does not depend on their number, and is that of listing so many
+FEW = 3000  # floes: listing so many costs as much as the part of making a list that does not depend on their number
 NEAR = 0.05  # near over closing
 
 
 class Memory(NamedTuple):
-    """What pairs remember, in the slots of a list or of a restart file.
+    """The memory of pairs, in the slots of a list or of a restart file.
 
-    pairs : never changed in place; number : of the floe of each row
+    pairs : never changed in place; number : floe number of each row
     """
 
     pairs: PairList
     number: np.ndarray
 
     def by_number(self, floes: int) -> "Memory":
-        """Of the pairs that remember anything, in an order that depends on nothing but the numbers of so many floes."""
+        """The pairs with non-zero memory, sorted by floe numbers alone; floes : total number of floes."""
         pairs, number = self
         keep = np.zeros(len(pairs.i), bool)
         for values in pairs.memory().values():
@@ -56,7 +56,7 @@ class Memory(NamedTuple):
 class Listed(NamedTuple):
     """Where and how widely neighbours were listed.
 
-    x, y : where the floes were, in the order of the list, from the domain's origin (m,) [m]; walls : where the walls were [m]
+    x, y : positions of the floes in the order of the list, from the domain's origin (m,) [m]; walls : those of the walls [m]
     skin, closing : widths of the list, see the top of this file [m]
     wall_floe, wall_number : the pairs of floe and wall, see `dynamics.Walls`
     """
@@ -79,13 +79,13 @@ def list_neighbours(
     old: Memory,
     floes: int,
 ) -> tuple[Listed, PairList, Lists, int]:
-    """The neighbours among floes where they were packed, and walls at these positions [m].
+    """The neighbours among floes at their packed positions, and walls at the given positions [m].
 
-    walls : records of `dynamics.WALL`; old : what pairs remember so far; floes : how many there are, packed or not
+    walls : records of `dynamics.WALL`; old : memory of the pairs so far; floes : number of floes, packed or not
 
     Returns
     -------
-    Listed, the pairs, room for the short lists with the tiles, and how many pairs were tested
+    Listed, the pairs, room for the short lists with the tiles, and the number of pairs tested
     """
     skin, closing = _widths(packed, contact, period)
     pairs, tiles, tested = _list_pairs(packed, contact, period, skin, old, floes)
@@ -107,17 +107,17 @@ def _widths(
     octaves = np.log2(largest / smallest) if largest else 0.0
     closing = CLOSING * smallest * min(1.0 + 0.5 * octaves, 3.0) if largest else 0.0
     # the list is widest where sizes differ much, since then few pairs are close, and where floes are few: with a skin of
-    # w closings steps cost in proportion to w n, making lists to (n + FEW)/w; the sum is least at w² = 1 + FEW/n
+    # w closings, the cost of steps is proportional to w n, that of lists to (n + FEW)/w; the sum is least at w² = 1 + FEW/n
     few = math.sqrt(1.0 + FEW / max(len(radius), 1))
     width = min(max(NARROWEST, octaves) * few, WIDEST)
-    # yet no floe may meet another on both sides of a period
+    # but no floe may meet another on both sides of a period
     widest = _reach(packed, contact, 0.0).max(initial=0.0)
     room = [0.49 * length - 2.0 * widest for length in period if length]
     return max(closing, min([closing * width, *room])), closing
 
 
 def _reach(packed: Packed, contact: Contact | None, skin: float) -> np.ndarray:
-    """How far a floe may interact [m]: its radius, the gap that a bond spans, half the skin."""
+    """Interaction range of each floe [m]: its radius, plus the gap that a bond spans, plus half the skin."""
     if contact is None:
         return np.ascontiguousarray(packed.floes["r"])
     return packed.floes["r"] * (1.0 + widest_gap(packed, contact)) + 0.5 * skin
@@ -143,7 +143,7 @@ def _list_pairs(
     old: Memory,
     floes: int,
 ) -> tuple[PairList, Tiles, int]:
-    """A fresh list of candidate pairs that remembers what the old one did, the tiles of the pack, and how many pairs were tested."""
+    """A new list of candidate pairs with the memory of the old one, the tiles of the pack, and the number of pairs tested."""
     if contact is None or len(packed.number) < 2:
         empty = np.zeros(0, np.uint32)
         start = np.zeros(len(packed.number) + 1, np.int64)
@@ -165,12 +165,12 @@ def _list_pairs(
 
 
 def _sign_of_reverse(name: str) -> float:
-    """Seen from j, the angle by which the other has turned is the opposite; all else is the same."""
+    """Factor on a memory when i and j are swapped: the relative rotation changes sign, all else stays."""
     return -1.0 if name == "bent" else 1.0
 
 
 def _nothing(contact: Contact | None, n: int) -> dict[str, np.ndarray]:
-    """The memory of n pairs that remember nothing yet."""
+    """The memory of n new pairs, all 0."""
     names = memories(contact)
     if contact is not None and contact.dashpot is not None:
         names += ("damped",)
@@ -181,7 +181,7 @@ def _nothing(contact: Contact | None, n: int) -> dict[str, np.ndarray]:
 def _near_walls(
     packed: Packed, contact: Contact | None, skin: float, walls: np.ndarray, positions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of packed floe and number of wall that may touch; coast, which may lie over a wall, is left out."""
+    """Pairs of packed floe and wall number that may touch; coast, which may overlap a wall, is left out."""
     floes, numbers = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     if contact is not None:
         near = packed.floes["r"] + skin

@@ -1,7 +1,7 @@
-"""Clocks that stand still while kernels are compiled or loaded.
+"""Clocks that stop while kernels are compiled or loaded.
 
-Making kernels takes from milliseconds to a minute, once, wherever one is first called: a profile or a cost that had it in
-would tell of the state of a cache, not of the work.
+This takes from milliseconds to a minute, once, wherever a kernel is first called: a profile or a cost that included it
+would measure the state of a cache, not the work.
 """
 
 import functools
@@ -11,15 +11,15 @@ from typing import Any
 
 
 class Making:
-    """What it has taken this process to make kernels [s]: on the clock, and of a processor."""
+    """Time that this process has spent compiling or loading kernels [s]: wall-clock and processor time."""
 
     clock = 0.0
     processor = 0.0
-    _depth = 0  # kernels are made while another is
+    _depth = 0  # a kernel may be made during another
 
     @classmethod
     def timed(cls, make: Callable) -> Callable:
-        """A function that makes kernels, with its time counted."""
+        """Wrap a function that makes kernels, to count its time."""
 
         @functools.wraps(make)
         def made(*args: Any) -> Any:
@@ -37,10 +37,10 @@ class Making:
 
 
 def work_clock() -> float:
-    """Seconds on the clock since some moment, without those for making kernels."""
+    """Wall-clock time since an arbitrary moment [s], without that for making kernels."""
     return time.perf_counter() - Making.clock
 
 
 def work_of_processor() -> float:
-    """Seconds of a processor that this process has taken, without those for making kernels."""
+    """Processor time of this process [s], without that for making kernels."""
     return time.process_time() - Making.processor

@@ -1,6 +1,6 @@
-"""Where threads wait for each other inside a kernel: handing on to Python between steps would cost as much as steps do.
+"""Barriers at which threads wait for each other inside a kernel; a return to Python would cost as much as a step.
 
-numba has no atomic numbers on processors, so they are written in LLVM's own, like the columns of pairs.
+numba has no atomic operations on CPUs, so they are written in LLVM, like the columns of pairs.
 """
 
 import os
@@ -11,10 +11,8 @@ from numba.extending import intrinsic
 
 from floebmi.kernels import inner
 
-SPINS = (
-    500_000  # looks at the counter, about a millisecond, before a thread leaves its core to others
-)
-REST = 20  # for so long at a time [µs]
+SPINS = 500_000  # reads of the counter, about a millisecond, before a thread yields its core
+REST = 20  # length of one sleep [µs]
 
 
 def _first(context, builder, kind, value):
@@ -35,7 +33,7 @@ def _arrive(typing, counter):
 
 @intrinsic
 def _arrived(typing, counter):
-    """How many have arrived, seen by others or not yet."""
+    """The number of arrivals, read atomically."""
 
     def generate(context, builder, signature, arguments):
         place = _first(context, builder, signature.args[0], arguments[0])
@@ -46,7 +44,7 @@ def _arrived(typing, counter):
 
 @intrinsic
 def _rest(typing):
-    """Sleep for a moment, where the system has a call for that."""
+    """Sleep for `REST`, where the system has a call for it."""
 
     def generate(context, builder, signature, arguments):
         if os.name == "posix":
@@ -61,9 +59,9 @@ def _rest(typing):
 
 @inner
 def meet(counter, threads, times):
-    """Wait until all threads are here; what each wrote before, all see after.
+    """Wait until all threads are here; what each wrote before, all see afterwards.
 
-    counter : (1,) int64, 0 at first; times : how often they have met so far.  Returns times + 1.
+    counter : (1,) int64, initially 0; times : how often they have met so far.  Returns times + 1.
     """
     _arrive(counter)
     spins = 0

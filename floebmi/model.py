@@ -6,11 +6,11 @@
     model.advance(600.0)
 
 `advance` is one exchange interval: the fluids are sampled at the floes, the floes take as many steps as
-their contacts need, and the impulse that each fluid gave to them is taken out of the cells it was read
-from.  A host, a forcing file and a constant wind all work through the same arrays, so a coupled and a forced
+their contacts need, and the impulse that each fluid gave to them is removed from the cells in which the fluid was
+read.  A host, a forcing file and a constant wind all use the same arrays, so a coupled and a forced
 run cannot differ.
 
-What the scene does not list does not exist: a model without a wind has no `atmosphere`, one without
+What the scene does not list does not exist: a model without wind has no `atmosphere`, one without
 friction has no angles.
 """
 
@@ -87,17 +87,17 @@ from floebmi.survey import Contacts
 from floebmi.variables import PER_ICE_AREA
 
 Out = Mapping[str, np.ndarray] | None
-RESIDUAL_ALLOWED = 0.1  # of all energy that passed, before a run is stopped
-STILL = 1e-6  # m/s: what is less than all ice at this speed is no energy to speak of
-LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that takes the last stress (eq. lagged-stress)
+RESIDUAL_ALLOWED = 0.1  # largest relative energy residual; beyond it a run is stopped
+STILL = 1e-6  # m/s: less energy than that of all ice at this speed is negligible
+LAG_ALLOWED = 2.0  # Δt_c κ/(ρ_o Δz) of a host that uses the last stress (eq. lagged-stress)
 
 
 class _Seen:
-    """What was found out about the floes as they are at one moment; each thing once.
+    """Results computed for the floes as they are at one moment, each once.
 
-    floes : a copy of them then, to know whether they are still so
+    floes : a copy of the floes at that moment, to detect changes
     advance : the floes packed, with their neighbours and contact forces
-    contacts : the pairs that push or hold each other
+    contacts : the pairs that exert contact forces on each other
     """
 
     def __init__(
@@ -134,33 +134,33 @@ class Model:
 
     Parameters
     ----------
-    domain : where floes live, and what its edges do
+    domain : the area of the floes, and the kinds of its edges
     floes : the ice, and the coast if there is one; the model works on these arrays in place
     contact : a contact law, or None for free drift
     forces : laws of drag and other forces; their order does not matter
     grid : exchange grid; needed with drag, tilt or a Coriolis field. Default: one cell on the domain
-    walls, inflow : lists of `Wall`, which push the ice, and of `Inflow`, where new floes come in
-    step : how time is stepped
+    walls, inflow : lists of `Wall`, which push the ice, and of `Inflow`, where new floes enter
+    step : integration scheme and time step
     sampling : "overlap" (exact areas) or "centre" (the paper's bilinear; on curvilinear and unstructured
         grids the cell that holds the centre) for floe-grid weights
     ice_density : ρ_ice [kg/m³]
     draft_fraction : D/h [1]
-    rotation : make floes rotate although no friction asks for it (torque of vorticity)
-    seed : of everything that is random while the model runs (inflow)
-    atmosphere_grid : grid of the wind, if it is another one
-    threads : that may share the steps of a large pack (from 50 000 floes on); the bits are the same for any number
+    rotation : let floes rotate even without friction (by the torque of vorticity)
+    seed : of all random numbers while the model runs (inflow)
+    atmosphere_grid : grid of the wind, if it differs
+    threads : number of threads for the steps of a large pack (50 000 floes or more); results are bitwise equal for any number
 
     Attributes
     ----------
     time : since the start [s]
     domain, floes, contact, forces, grid : as given
-    ocean, atmosphere : `Fluid`, velocities that drive the ice and the impulse that they get back; None where no force
+    ocean, atmosphere : `Fluid`, velocities that drive the ice and the impulse returned to the fluid; None where no force
         reads them
 
     Raises
     ------
     InputError
-        one line, for whatever cannot be right.
+        one line, for any invalid input.
     """
 
     def __init__(
@@ -197,14 +197,14 @@ class Model:
             self.step = step._replace(fraction=usual_fraction(step.scheme, contact))
         if rotation or turns(contact):
             floes.allow_rotation()
-        # not the numbers that a pack of the same seed was drawn from: new floes would have its radii
+        # a stream separate from that of a pack of the same seed: else new floes would repeat its radii
         rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(0,))))
         refuse_strangers(floes, contact)
         for name in own(contact):
             floes.allow_own(name)
         draw_own(floes, contact, rng)
         floes.check()
-        # as every advance leaves them: in the first frame, too, nothing lies beyond a periodic edge
+        # as after every advance: in the first frame, too, no floe lies beyond a periodic edge
         floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
         self._make_fluids(atmosphere_grid or self.grid)
@@ -214,27 +214,27 @@ class Model:
         self._warned_of_lag = False
         self._seen = self._see(floes.copy())
         self._left: _Seen | None = None  # as the last advance left the floes
-        # the floes as they were when nobody had put them onto each other; None where that is not known
+        # the floes at the last time they were known to be free of edits that overlap; None if unknown
         self._accepted: Floes | None = self._seen.floes
         self._scene = scene_of(self)
         self._tables = self._allocate()  # of the forces at all floes
         self._at: tuple[np.ndarray, ...] = ()  # the same in an exchange, by block
         now = self._now()
         self._state.ledger.open(now.stock())
-        # floes that touch are frozen together from the start, where bonds are listed
+        # where bonds are listed, floes that touch are bonded from the start
         self._state.memory = now.memory()
         self._seen.advance = None
         self._built = True
 
     def _make_fluids(self, atmosphere_grid: Grid) -> None:
-        """The fluids that the forces read, at rest."""
+        """Make the fluids that the forces read, at rest."""
         self._fluids = fluids_for(self.forces, self.grid, atmosphere_grid)
         self.ocean, self.atmosphere = self._fluids.get("ocean"), self._fluids.get("atmosphere")
         for grid in dict.fromkeys((self.grid, atmosphere_grid)):
             check_images(grid, self.domain.period)
 
     def _first_state(self, rng: np.random.Generator) -> State:
-        """The state before the first step; InputError for floes, walls and inflows that cannot be together."""
+        """The state before the first step; InputError for floes, walls and inflows that do not fit together."""
         floes, domain, contact = self.floes, self.domain, self.contact
         modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
         walls = build_walls(domain, self.walls, floes, self.ice_density, modulus)
@@ -263,7 +263,7 @@ class Model:
         return state
 
     def __setattr__(self, name: str, value: object) -> None:
-        """What a model is made of stays: walls, tables and files know it; `time` and what is in arrays may be set."""
+        """Refuse to replace parts of a model, which walls, tables and files rely on; `time` and array values may be set."""
         if "_built" in vars(self) and not name.startswith("_") and name != "time":
             raise AttributeError(
                 f"model.{name}: cannot be set; build another model, or edit the arrays of this one"
@@ -273,11 +273,11 @@ class Model:
         super().__setattr__(name, value)
 
     def _refuse_edits(self) -> None:
-        """InputError for floes that somebody made what none may be, or put onto each other or over a wall."""
+        """InputError for floes that an edit made invalid, or put onto each other or over a wall."""
         floes, domain, accepted, walls = self.floes, self.domain, self._accepted, self._state.walls
         floes.check()
         if accepted is None:
-            # no more than a run leaves them with
+            # no larger overlap than a run may leave
             refuse_over_walls(walls, floes, domain, "after a restart", allowed=1.0)
             if self.contact is not None and self.contact.failure is None:
                 refuse_overlaps(floes, domain, "after a restart", allowed=1.0)
@@ -289,7 +289,7 @@ class Model:
     # ---- one exchange ------------------------------------------------------------------------------
 
     def _allocate(self) -> tuple[np.ndarray, ...]:
-        """A table of each force, with what it needs of each floe."""
+        """One table per force, with the floe properties that it needs."""
         f = self.floes
         draft = self.draft_fraction * f.thickness
         return tuple(
@@ -298,32 +298,32 @@ class Model:
         )
 
     def _known(self) -> _Seen:
-        """What is known about the floes as they are now; forgotten when they change."""
+        """The results for the floes as they are now; discarded when the floes change."""
         refuse_another(self, "model")
-        draw_own(self.floes, self.contact, self._state.rng)  # for those that somebody added
+        draw_own(self.floes, self.contact, self._state.rng)  # for floes added by the user
         if not self._seen.floes.same(self.floes):
             self._seen = self._see(self.floes.copy())
         return self._seen
 
     def _see(self, floes: Floes) -> _Seen:
-        """Nothing known yet about the floes, of which this is a copy."""
+        """An empty set of results for the floes; floes : a copy of them."""
         return _Seen(floes, self.domain.period, self.sampling)
 
     def _now(self, seen: _Seen | None = None) -> Advance:
-        """The packed floes with their contact forces, to look at; nothing is counted.
+        """The packed floes with their contact forces, for diagnostics; nothing is counted.
 
-        seen : what `_known` has just returned, so as not to compare all floes again
+        seen : result of `_known`, if just computed, so as not to compare all floes again
         """
         seen = seen or self._known()
         if seen.advance is None:
             self._state.fit(len(self.floes))
             now = self._advance()
             now.look(self._state.kept_for(seen.floes))
-            seen.advance = now  # only when it is whole: Ctrl-C may come at any time
+            seen.advance = now  # only once it is complete: Ctrl-C may come at any time
         return seen.advance
 
     def _advance(self) -> Advance:
-        """The way from here, nothing packed yet."""
+        """An `Advance` from the present state, with nothing packed yet."""
         return Advance(
             self.floes, self._state, self.domain, self.contact, self.forces, self.step,
             self.ice_density, self.threads,
@@ -332,8 +332,7 @@ class Model:
     def advance(self, duration: float) -> None:
         """Advance the ice by `duration` seconds, exactly, as one exchange with the fluids.
 
-        Several threads may each advance a model of their own; while one is at work on a model, what another asks of it is
-        refused.
+        Several threads may each advance their own model; while one works on a model, calls from another are refused.
 
         Raises
         ------
@@ -342,9 +341,9 @@ class Model:
             1000 m/s or more, for floes that an edit has put onto each other or over a wall, and while another thread
             advances this model.
         StabilityError
-            if floes leave what the step resolves: a floe moves more than half its radius in a step, overlaps another
-            by more than the smaller radius or has its centre behind a wall, a number is no longer finite, 1e12 steps
-            would not do, or a tenth of the energy comes from nowhere.
+            if the step no longer resolves the motion: a floe moves more than half its radius in a step, overlaps another
+            by more than the smaller radius or has its centre behind a wall, a number is no longer finite, more than 1e12
+            steps would be needed, or the relative energy residual exceeds 0.1.
 
         After an error the model is as it was before.
         """
@@ -358,7 +357,7 @@ class Model:
         self._warn_of_lag(duration)
 
     def _exchange(self, duration: float) -> None:
-        """One exchange with the fluids; all of it or nothing."""
+        """One exchange with the fluids, completely or not at all."""
         for name, fluid in self._fluids.items():
             fluid.refuse_not_finite(name, self.time)
         seen = self._known()
@@ -387,14 +386,14 @@ class Model:
             self.floes.go_back(seen.floes)
             self._state.go_back(before)
             raise
-        # Ctrl-C finds all of an exchange or nothing of it: it waits for compiled code, and there is little else from here on
+        # Ctrl-C interrupts before or after an exchange: it waits for compiled code, and there is little else from here on
         vars(self).update(after)
         if drag is not None:
             self.ocean._drag = drag
         give_impulses_back(impulses)
 
     def _ready(self, seen: _Seen) -> tuple[Advance, dict[Grid, Weights]]:
-        """What steps begin with: packed floes, what the forces read at them, and the weights they read it with, by grid."""
+        """Prepare the steps: packed floes, the fluids sampled at them, and the weights of that, by grid."""
         if seen is not self._left:
             self._refuse_edits()
             self._tables = self._allocate()
@@ -407,7 +406,7 @@ class Model:
         return advance, weights
 
     def _check_energy(self, time: float) -> None:
-        """Stop when much of the energy comes from nowhere: the step does not resolve what happens."""
+        """Stop when the energy residual is large: the step does not resolve the motion."""
         ledger = self._state.ledger
         energy, longest = ledger.balance("energy"), self.counters.longest_step
         little = 0.5 * ledger.now[0] * STILL**2
@@ -419,7 +418,7 @@ class Model:
             )
 
     def _warn_of_lag(self, duration: float) -> None:
-        """Say once that a host which takes the last stress as it is would swing (eq. lagged-stress)."""
+        """Warn once that a host which applies the last stress explicitly would oscillate (eq. lagged-stress)."""
         ocean, drag = self.ocean, [force for force in self.forces if isinstance(force, OceanDrag)]
         if not drag or ocean.layer_thickness is None or self._warned_of_lag:
             return
@@ -435,7 +434,7 @@ class Model:
             )
 
     def _book_edits(self, now: Advance) -> None:
-        """What somebody changed in the floes between two exchanges is an account of its own."""
+        """Book edits of the floes between two exchanges in an account of their own."""
         ledger, stock = self._state.ledger, now.stock()
         change = stock - ledger.now
         if (np.abs(change) > 1e-11 * np.maximum(np.abs(stock), np.abs(ledger.now))).any():
@@ -451,19 +450,19 @@ class Model:
         return self._known().coverage(grid)
 
     def weights(self, grid: Grid) -> Weights:
-        """Floe-grid weights at the present places, on a grid."""
+        """Floe-grid weights at the present positions, on a grid."""
         check_grid("grid", grid)
         return self._known().weights(grid)
 
     def _ocean_drag(self, weights: dict[Grid, Weights], order: np.ndarray) -> tuple | None:
-        """What the sizes of the ocean's drag in this exchange are computed from, when somebody asks; see `Fluid`."""
+        """The data from which magnitude and coefficient of the ocean drag are computed on request; see `Fluid`."""
         for force, at in zip(self.forces, self._at, strict=True):
             if isinstance(force, OceanDrag):
                 return weights[self.grid], order, at, self._state.kept.floes, self.ice_density
         return None
 
     def _book_forces(self) -> None:
-        """The impulse and the work of each force are an account of the ledger."""
+        """Book the impulse and the work of each force in the ledger."""
         for force, at in zip(self.forces, self._at, strict=True):
             name = ACCOUNTS[type(force)]
             x, y, work = given(at)
@@ -478,11 +477,11 @@ class Model:
             raise InputError("step_by: nothing sets a step here; use advance(seconds)")
         self.advance(steps * length)
 
-    # ---- to look at --------------------------------------------------------------------------------
+    # ---- diagnostics -------------------------------------------------------------------------------
 
     @property
     def ledger(self) -> Ledger:
-        """Where mass, momentum and energy of the ice came from and went."""
+        """Budgets of mass, momentum and energy of the ice."""
         return self._state.ledger
 
     @property
@@ -492,16 +491,17 @@ class Model:
 
     @property
     def seconds(self) -> Seconds:
-        """Seconds on the clock that steps and lists took so far, in this process: the rest of `advance` is exchange."""
+        """Wall-clock time [s] of steps and lists so far, in this process; the rest of `advance` is exchange."""
         return self._state.seconds
 
     def seconds_per_step(
         self, steps: int, without: Literal["contacts", "forces"] | None = None
     ) -> float:
-        """Seconds on the clock of a step from here, as long as the last one, over up to so many; the model stays as it is.
+        """Wall-clock time of a step from here [s], of the same length as the last; the model is left unchanged.
 
-        without : what to leave out: "contacts", as if no floe were near another one or a wall; "forces", all others, with
-            the scheme "verlet" alone; see `floebmi.timing`
+        steps : average over up to so many
+        without : what to leave out: "contacts", as if no floe were near another one or a wall; "forces", all others, only
+            with the scheme "verlet"; see `floebmi.timing`
 
         Raises
         ------
@@ -547,11 +547,11 @@ class Model:
         return 0.0 - walls.side * walls.force / (along * thickness)
 
     def longest_step(self) -> float:
-        """The step that would be taken now [s]; inf where nothing limits it."""
+        """The time step that would be taken now [s]; inf where nothing limits it."""
         return self._now().longest_step()
 
     def contacts(self) -> Contacts:
-        """The pairs that push or hold each other now, and their forces."""
+        """The pairs that exert contact forces on each other now, and these forces."""
         seen = self._known()
         if seen.contacts is None:
             seen.contacts = self._now(seen).contacts()
@@ -560,14 +560,14 @@ class Model:
     def fields(self) -> dict[str, np.ndarray]:
         """Gridded output by the short names of `variables.VARIABLES`, flat arrays of shape (grid.size,).
 
-        State is of now, stresses of fluids are means over the last exchange (0 before the first).
+        State fields are present values; stresses of fluids are means over the last exchange (0 before the first).
         """
         return self.ice_fields() | self.internal_stress_fields() | self.fluid_stress_fields()
 
     def ice_fields(self, out: Out = None) -> dict[str, np.ndarray]:
-        """Those of `fields` that are the state of the ice: area, thickness, velocity, floes.
+        """The part of `fields` that is the state of the ice: area, thickness, velocity, floes.
 
-        out : arrays to write into, by name, where no other field is wanted; default: new ones of all
+        out : arrays to write into, by name; only these fields are returned. Default: new arrays for all fields
         """
         self._check_out(out)
         f, contacts = self.floes, self.contacts()
@@ -578,14 +578,14 @@ class Model:
         )  # fmt: skip
 
     def internal_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
-        """Those of `fields` that come from contact forces; `out` as for `ice_fields`."""
+        """The part of `fields` due to contact forces; `out` as for `ice_fields`."""
         self._check_out(out)
         f, now, contacts = self.floes, self._now(), self.contacts()
         stress = internal_stress(
             self.grid, f.x[contacts.i], f.y[contacts.i], contacts.dx, contacts.dy,
             contacts.fx, contacts.fy, self.domain.period,
         )  # fmt: skip
-        net = np.zeros((2, len(f)))  # of the ice; what the coast takes is not a force on ice
+        net = np.zeros((2, len(f)))  # on the ice; the force on the coast is none on the ice
         net[:, now.packed.number] = now.packed.force["x"], now.packed.force["y"]
         net[:, f.land] = 0.0
         push = divergence(self.grid, self.weights(self.grid), *net)
@@ -605,7 +605,7 @@ class Model:
         return {name: out[name] for name in fields if name in out}
 
     def fluid_stress_fields(self, out: Out = None) -> dict[str, np.ndarray]:
-        """Those of `fields` between ice and fluids, ice on ocean, air on ice; `out` as for `ice_fields`."""
+        """The part of `fields` between ice and fluids, ice on ocean, air on ice; `out` as for `ice_fields`."""
         self._check_out(out)
         over = 1.0 / self._last_duration if self._last_duration else 0.0
         fields: dict[str, np.ndarray] = {}
@@ -637,7 +637,7 @@ class Model:
         return fields
 
     def _check_out(self, out: Out) -> None:
-        """InputError for arrays that fields cannot be written into: a kernel would write beyond the end of a short one."""
+        """InputError for arrays that fields cannot be written into; a kernel would write past the end of a short one."""
         check_table("out", out)
         for name, array in (out or {}).items():
             fluid = self.atmosphere if str(name).startswith("air_") else None
@@ -652,14 +652,14 @@ class Model:
         np.multiply(amount, over * self.over_ice_area(), out=field)
 
     def over_ice_area(self) -> np.ndarray:
-        """One over the area of ice in each cell now [m-2], 0 where there is none: (grid.size,)."""
+        """Inverse of the area of ice in each cell now [m-2], 0 where there is none: (grid.size,)."""
         ice = self.coverage().in_cells
         return np.divide(1.0, ice, out=np.zeros(self.grid.size), where=ice > 0)
 
     # ---- copies and restart ------------------------------------------------------------------------
 
     def __getstate__(self) -> dict[str, object]:
-        """What a copy or a pickle is made of: of the list of neighbours, whose arrays share memory, its marks."""
+        """The content of a copy or a pickle; the neighbour list, whose arrays share memory, is replaced by its marks."""
         kept, s = self._state.kept_for(self._known().floes), self._state
         return vars(self) | {
             "_state": replace(s, memory=s.memory.by_number(len(self.floes)), kept=None),
@@ -676,7 +676,7 @@ class Model:
         self._advance().list_again(listed)
 
     def state(self) -> dict[str, object]:
-        """All that a restart needs, as arrays, numbers and text that the model will not change."""
+        """The complete state for a restart, as arrays, numbers and text that the model will not change."""
         state: dict[str, object] = {
             "version": __version__,
             "scene": self._scene,
@@ -690,16 +690,16 @@ class Model:
         return state
 
     def restore(self, state: dict[str, object]) -> None:
-        """Take up the state of a model of the same scene; then it goes on with the same bits.
+        """Restore the state of a model of the same scene; the run then continues with the same bits.
 
         Domain, grids with their dry cells, coast, and the kinds of laws, walls and inflows must be those of that model;
-        drag, forcing, step and threads may be others.  Another number of a contact law, of Coriolis, the density of the ice,
-        the load of a wall or an inflow branches the run off, with a warning.
+        drag, forcing, step and threads may differ.  A different number of a contact law, of Coriolis, the density of the ice,
+        the load of a wall or an inflow starts a branch of the run, with a warning.
 
         Raises
         ------
         InputError
-            if the state does not fit this model, with table and key; the model is then as before.
+            if the state does not fit this model, with table and key; the model is then unchanged.
         """
         if not isinstance(state, Mapping):
             raise InputError(
@@ -715,10 +715,10 @@ class Model:
             warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
 
     def _take_up(self, state: Mapping[str, Any], floes: Floes) -> None:
-        """Go on from a state that fits, with its floes."""
-        if not floes.same(self.floes):  # else these very floes are put back, and stay accepted
+        """Continue from a state that fits, with its floes."""
+        if not floes.same(self.floes):  # else the floes are unchanged, and stay accepted
             self._accepted = None
-        self.floes.go_back(floes)  # who holds them holds those of the model still
+        self.floes.go_back(floes)  # in place: references to the model's floes stay valid
         self.time = float(state["time"])
         self._last_duration = float(state["last_duration"])
         self._left, self._seen = None, self._see(floes.copy())
@@ -730,7 +730,7 @@ class Model:
     # ---- in words ----------------------------------------------------------------------------------
 
     def absent(self) -> list[str]:
-        """What this model leaves out: neither code nor memory."""
+        """The parts that this model leaves out, with neither code nor memory."""
         c, listed = self.contact, {ACCOUNTS[type(force)] for force in self.forces}
         left_out = [
             ("contacts", c is None),

@@ -1,13 +1,13 @@
-"""Which floes may touch: all pairs closer than the sum of their reaches, in O(n) for any size range.
+"""Neighbour search: all pairs closer than the sum of their reaches, in O(n) for any size range.
 
-A floe's reach is its radius, the distance over which a bond may hold it, and half the skin, so the list
+A floe's reach is its radius, plus the distance over which a bond may hold it, plus half the skin, so the list
 stays complete until some floe has moved half the skin.  Floes are sorted into levels of cells, each
 twice as wide as the one below; a floe looks for partners in its own level and in the wider ones, so a
 large floe among thousands of small ones costs no more than they do.  Coast is a level above all others: floes
-look for it, it looks for none.  Every pair is listed once, in rows (compressed by `start`) in the order of the floes.
+look for it, but it looks for none.  Every pair is listed once, in rows (compressed by `start`) in floe order.
 
-What a contact remembers (tangential displacement, bond) sits in the slot of its pair.  Pairs of an old list that
-remember anything are looked up in the rows of the new one: no hash, no fixed number of contacts.
+The memory of a contact (tangential displacement, bond) is in the slot of its pair.  Pairs of an old list with
+non-zero memory are looked up in the rows of the new one: no hash, no fixed number of contacts.
 """
 
 from typing import NamedTuple
@@ -23,8 +23,8 @@ CELLS_PER_FLOE = 2.0  # a sparse level gets wider cells rather than more of them
 class Pairs(NamedTuple):
     """Candidate pairs `i[p]`, `j[p]`, each once; row i is `start[i]:start[i + 1]`.
 
-    Floes of one level are paired in the row of the lower index, others in the row of the smaller floe.
-    tested : how many distances were looked at to find them
+    Pairs of one level are in the row of the lower index, others in the row of the smaller floe.
+    tested : number of distances computed to find them
     """
 
     start: np.ndarray
@@ -52,7 +52,7 @@ def find_pairs(
     Raises
     ------
     InputError
-        if a period is so short that two floes could meet on both sides, or one floe itself.
+        if a period is so short that two floes could meet on both sides, or a floe could meet itself.
     """
     n = len(x)
     if not n:
@@ -71,7 +71,7 @@ def find_pairs(
 
 
 def _within(values: np.ndarray, period: float | None) -> np.ndarray:
-    """Positions brought within one period of the least, as the search needs them."""
+    """Positions wrapped to within one period of the smallest, as the search needs them."""
     if period is not None:
         values = values - period * np.floor((values - values.min()) / period)
     return np.ascontiguousarray(values)
@@ -85,7 +85,7 @@ def _find(x, y, reach, land, period_x, period_y):
         level[k] = max(int(np.floor(np.log2(reach[k] / smallest))), 0)  # rounding may give −1
     level[land] = level.max() + 1
     grids, cell_start, items = _levels(x, y, reach, level, period_x, period_y)
-    in_cells = x[items], y[items], reach[items]  # read one after the other
+    in_cells = x[items], y[items], reach[items]  # contiguous, in the order in which they are read
     start = np.empty(x.size + 1, np.int64)
     room = 4 * x.size + 64
     while True:
@@ -127,13 +127,16 @@ def _cell_counts(length_x, length_y, width, n):
 
 @jit
 def _clipped(position, width, n):
-    """The cell of n that a position lies in, or the next one to it."""
+    """The cell of n in which a position lies, or the closest one."""
     return min(max(int(np.floor(position / width)), 0), n - 1) if width > 0.0 else 0
 
 
 @jit
 def _levels(x, y, reach, level, period_x, period_y):
-    """Cell grids of all levels behind one another: per level (west, south, widths, counts), starts, floes."""
+    """Cell grids of all levels in sequence: one row per level, starts of the cells, floes by cell.
+
+    A row is: level, widest reach, west, south, two cell widths, two cell counts, first cell.
+    """
     count, widest = np.zeros(level.max() + 1, np.int64), np.zeros(level.max() + 1)
     for k in range(x.size):
         count[level[k]] += 1
@@ -184,7 +187,7 @@ def _search(
     x, y, reach, land, level, period_x, period_y, grids, cell_start, items, in_cells, start, out_i,
     out_j,
 ):  # fmt: skip
-    """Fill rows of pairs; returns how many there are, also if the arrays were too short, and how many were tested."""
+    """Fill rows of pairs; returns the number of pairs, even if the arrays were too short, and the number tested."""
     found, tested, size = 0, 0, out_i.size
     item_x, item_y, item_reach = in_cells
     for i in range(x.size):
@@ -196,7 +199,7 @@ def _search(
             number = int(grids[g, 0])
             if number < level[i]:
                 continue
-            # a partner of a wider level is found only from here, one of the same level from the lower index
+            # a partner in a wider level is found only from here, one in the same level from the lower index
             after = i if number == level[i] else -1
             s = own + grids[g, 1]
             west, south, width_x, width_y = grids[g, 2], grids[g, 3], grids[g, 4], grids[g, 5]
@@ -211,7 +214,7 @@ def _search(
             for cy in range(cy0, cy1 + 1):
                 row = base + nx * (cy + ny if cy < 0 else cy - ny if cy >= ny else cy)
                 cx, shift = cx0, row + turn
-                while cx <= cx1:  # in one go the cells up to the seam: their floes lie together
+                while cx <= cx1:  # all cells up to the seam at once: their floes are contiguous
                     end = min(cx1 + 1, row + nx - shift)
                     tested += cell_start[shift + end] - cell_start[shift + cx]
                     for q in range(cell_start[shift + cx], cell_start[shift + end]):
@@ -219,7 +222,7 @@ def _search(
                         dx = _nearest(item_x[q] - here_x, period_x)
                         dy = _nearest(item_y[q] - here_y, period_y)
                         near = own + item_reach[q]
-                        if found < size:  # written in any case: what may touch cannot be foreseen
+                        if found < size:  # written in any case: avoids a branch
                             out_i[found] = i
                             out_j[found] = j
                         found += (j > after) & (dx * dx + dy * dy < near * near)
@@ -230,7 +233,7 @@ def _search(
 
 @jit
 def _nearest(d, period):
-    """The nearest image of a distance of at most a period."""
+    """A coordinate difference of at most a period, to the nearest image."""
     if d > 0.5 * period:
         return d - period
     return d + period if d < -0.5 * period else d
@@ -238,7 +241,7 @@ def _nearest(d, period):
 
 @jit
 def _window(position, s, width, n, period):
-    """Cells within s of a position: clipped to the grid, or wrapped and never twice the same."""
+    """Cells within s of a position: clipped to the grid, or wrapped, with no cell twice."""
     low = int(np.floor((position - s) / width))
     high = int(np.floor((position + s) / width))
     if period < np.inf:
@@ -248,11 +251,11 @@ def _window(position, s, width, n, period):
 
 @in_place
 def carry(old_i, old_j, old_number, old_memory, place, start, seam, j, memory, sign):
-    """Take over what the pairs of an old list remember, where the new one has them too.
+    """Carry the memory of the pairs of an old list over to the same pairs of the new one.
 
-    old_number, place : number for ever of a floe of the old list, and its row in the new one, −1 where it has none
+    old_number, place : permanent number of a floe of the old list, and its row in the new one, −1 where it has none
     start, seam : rows of the new list, and of its pairs across seams
-    sign : 1, or −1 for what changes its sign when i and j change places
+    sign : 1, or −1 for a quantity that changes sign when i and j are swapped
     """
     for q in range(old_j.size):
         if old_memory[q] == 0.0:

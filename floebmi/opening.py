@@ -1,4 +1,4 @@
-"""Opening NetCDF files and Zarr stores: what cannot be read is refused, and why is said in one line."""
+"""Opening of NetCDF files and Zarr stores; unreadable ones are refused, with the reason in one line."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 
 def open_files(path: Source) -> list[File]:
-    """Open NetCDF files or Zarr stores for lazy reading; data sets that are open already pass through.
+    """Open NetCDF files or Zarr stores for lazy reading; data sets that are already open are passed through.
 
     Raises
     ------
     InputError
-        for a file that is not there, not readable, or shorter than its header says, and for one of another calendar
-        than the standard one that lacks a time.
+        for a file that is missing, unreadable, or shorter than its header says, and for one with a missing time in a
+        calendar other than the standard one.
     """
     import xarray as xr
 
@@ -67,7 +67,7 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
         _refuse_if_cut(path)
     try:
         data = xr.open_dataset(path, engine=engine, cache=False, decode_timedelta=False)
-    except Exception as error:  # each engine has its own kinds
+    except Exception as error:  # each engine raises its own types
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         if not zarr and "did not find a match" in reason:
             raise InputError(f"{path}: {_kind(path)}") from error
@@ -91,7 +91,7 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
 
 
 def _kind(path: Path) -> str:
-    """What a file is that is no NetCDF."""
+    """A description of a file that is not NetCDF."""
     with open(path, "rb") as file:
         begin = file.read(100)
     for sign, kind in (
@@ -106,13 +106,13 @@ def _kind(path: Path) -> str:
 
 
 def _refuse_groups(path: Path) -> None:
-    """InputError for a file whose variables are all in groups, of which xarray reads none unasked."""
+    """InputError for a file whose variables are all in groups, which xarray does not read by default."""
     import netCDF4
 
     try:
         with netCDF4.Dataset(path) as file:
             groups = list(file.groups)
-    except OSError:  # a file that another library read, which knows no groups
+    except OSError:  # a file read by another library, which has no groups
         return
     if groups:
         raise InputError(
@@ -122,9 +122,9 @@ def _refuse_groups(path: Path) -> None:
 
 
 def _refuse_missing_times(file: File, names: list[str]) -> None:
-    """InputError for a time that the file does not have, of coordinates whose dates are still numbers.
+    """InputError for a missing time, in coordinates whose dates are not yet decoded.
 
-    Dates of cftime know no missing one: it is read as the date that the numbers count from.
+    cftime has no missing dates: it decodes them to the reference date.
     """
     for name in names:
         values = file.data[name].values
@@ -134,10 +134,10 @@ def _refuse_missing_times(file: File, names: list[str]) -> None:
 
 
 def _refuse_if_cut(path: Path) -> None:
-    """InputError for a file of NetCDF's classic formats that ends before its data do.
+    """InputError for a truncated file in one of NetCDF's classic formats.
 
-    The library reads what is missing as zeros, which are as good currents or ice as any; of NetCDF-4 files, HDF5
-    sees it.
+    The library reads the missing part as zeros, which are plausible currents or ice; for NetCDF-4 files, HDF5
+    detects it.
     """
     try:
         with open(path, "rb") as file:
@@ -145,6 +145,6 @@ def _refuse_if_cut(path: Path) -> None:
     except struct.error:
         raise InputError(f"{path}: was cut short within its header") from None
     except (OSError, IndexError):
-        return  # no file to read, or no such header: let the library say what it is
+        return  # unreadable, or no such header: leave the error to the library
     if size < told:
         raise InputError(f"{path}: was cut short: it has {size} bytes of {told}")

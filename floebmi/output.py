@@ -1,17 +1,17 @@
 """Files of a run: fields on the grid, trajectories of floes, and the state for a restart.
 
-The first two are CF NetCDF, grown frame by frame.  The first frame goes to a file of another name, which
-then takes the wanted name: either there is a whole frame, or what was there before is untouched.  After
-each frame all of it is handed to the operating system, so a killed run leaves a file that opens.  (While
-the run goes on, HDF5 locks the file: set HDF5_USE_FILE_LOCKING=FALSE to look at it with other tools;
-`floebmi.plot` does without.)
+The first two are CF NetCDF files, extended frame by frame.  The first frame is written under another name, and the
+file is then renamed: so either a complete frame exists, or any earlier file is untouched.  After
+each frame the file is flushed to the operating system, so a killed run leaves a file that opens.  (During
+the run HDF5 locks the file: set HDF5_USE_FILE_LOCKING=FALSE to open it with other tools;
+`floebmi.plot` does not need this.)
 
-Stress in a file is the mean since the last frame, by the difference of the running impulse, so Σ τ A Δt
-over the frames is the impulse, whatever the frames and the exchange intervals are; per ice area, the same over the area
-of ice at the frame's time.  All else is of the instant of the frame; `cell_methods` tells which is which.
+Stress in a file is the mean since the last frame, from the difference of the running impulse, so Σ τ A Δt
+over the frames is the impulse for any frames and exchange intervals; per ice area, it is the same over the area
+of ice at the frame's time.  All other fields are values at the time of the frame; see `cell_methods`.
 
 All numbers are stored as float64.  Missing values are NaN: dry cells, properties of ice where there is no
-ice, floes that have left or have not yet come.
+ice, floes that have left or have not yet entered.
 """
 
 import contextlib
@@ -61,7 +61,7 @@ RESTART_VERSION = 1
 
 
 class _GrowingFile:
-    """A NetCDF file that is whole after its first frame and after each further one.
+    """A NetCDF file that is complete after each frame.
 
     kind : "gridded" or "trajectories"; the others as for `GriddedWriter`
     """
@@ -100,9 +100,9 @@ class _GrowingFile:
                 data.close()
 
     def _check_room(self) -> None:
-        """Raise OSError if the disk has no room for a frame, while the frames so far are whole.
+        """Raise OSError if the disk has no room for a frame, while the frames so far are intact.
 
-        HDF5 leaves a file that nobody can open if the disk is full in the middle of a frame.
+        If the disk fills up during a frame, HDF5 leaves a file that cannot be opened.
         """
         size = self.path.stat().st_size
         self._most, self._size = max(self._most, 2 * (size - self._size)), size
@@ -113,7 +113,7 @@ class _GrowingFile:
         return self
 
     def __exit__(self, *error: object) -> None:
-        with contextlib.suppress(*[OSError] * (error[0] is not None)):  # the first error tells more
+        with contextlib.suppress(*[OSError] * (error[0] is not None)):  # keep the first error
             self.close()
 
     @contextlib.contextmanager
@@ -146,21 +146,21 @@ class GriddedWriter(_GrowingFile):
     Parameters
     ----------
     path : the file to make
-    model : its grids must stay the same
+    model : its grids must not change
     attributes : global attributes, texts and numbers: title, scene text, licence of the data …
     reference : date of the run's time 0, such as "1979-01-15 12:00"; None: an arbitrary epoch
     calendar : CF calendar of the reference
     projection : the plane of x and y [m], such as "EPSG:3413" (see projection.py); then latitude and
         longitude are written too
     land : rings of shape (k, 2) [m], as in `coast.Coast.polygons`
-    names : short names of the variables to write (see variables.py); None: all that the model has
+    names : short names of the variables to write (see variables.py); None: all of the model
     overwrite : whether an existing file may be replaced
 
     Raises
     ------
     InputError
-        if the file exists already, its folder does not, or an attribute, a date, a projection or a name is
-        unusable, or a ring is none.  Nothing is written then.
+        if the file already exists, its folder does not, or an attribute, a date, a projection, a name or a ring
+        is invalid.  Nothing is written then.
     """
 
     def __init__(
@@ -236,9 +236,9 @@ class GriddedWriter(_GrowingFile):
 
 @final
 class TrajectoryWriter(_GrowingFile):
-    """The floes as CF trajectories, one frame per `write`; trajectory k is floe k for ever.
+    """The floes as CF trajectories, one frame per `write`; trajectory k is always floe k.
 
-    Radius, thickness and prescribed motion have no time dimension.  Floes that come in later get new
+    Radius, thickness and prescribed motion have no time dimension.  Floes that enter later get new
     trajectories.
 
     Parameters
@@ -246,13 +246,13 @@ class TrajectoryWriter(_GrowingFile):
     path : the file to make
     model : any model
     attributes, reference, calendar, projection, land, overwrite : as for `GriddedWriter`
-    changing : which of "radius", "thickness" and "motion" change in time, and then get a time dimension
+    changing : which of "radius", "thickness" and "motion" change in time, and so get a time dimension
     contacts : whether contact count, bond count and contact force are written
 
     Raises
     ------
     InputError
-        as `GriddedWriter`.
+        as for `GriddedWriter`.
     """
 
     def __init__(
@@ -289,8 +289,8 @@ class TrajectoryWriter(_GrowingFile):
         Raises
         ------
         InputError
-            if the time is not later than that of the last frame, or if a property has changed that was said
-            to be constant.
+            if the time is not later than that of the last frame, or if a property declared constant has
+            changed.
         """
         values = self._values(model)
         n = len(model.floes)
@@ -366,7 +366,7 @@ class TrajectoryWriter(_GrowingFile):
         data["x"].axis, data["y"].axis = "X", "Y"
 
 
-# ---- what a model gives to its files ----------------------------------------------------------
+# ---- from the model to its files --------------------------------------------------------------
 
 
 def _global_attributes(
@@ -379,7 +379,7 @@ def _global_attributes(
         "contact": repr(model.contact),
         "forces": repr(tuple(model.forces)),
         "step": repr(model.step),
-        # NetCDF has no whole number beyond 64 bits
+        # NetCDF has no integers beyond 64 bits
         "seed": int(model.seed) if model.seed < 2**63 else str(model.seed),
         "ice_density": float(model.ice_density),
         "domain_x": np.array(model.domain.x, float),
@@ -399,7 +399,7 @@ def _global_attributes(
 
 
 def _check_attribute(name: object, value: object) -> None:
-    """InputError for what no attribute of a NetCDF file can be."""
+    """InputError for an attribute that a NetCDF file cannot have."""
     kinds = str | int | float | np.integer | np.floating
     fits = isinstance(value, kinds) and not isinstance(value, bool)
     if isinstance(value, int):
@@ -414,7 +414,7 @@ def _grid_of(model: "Model", row: Variable) -> "Grid":
 
 
 def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
-    """The rows of the table that the model has and that were asked for."""
+    """The requested rows of the table, of those that the model has."""
     fields = model.fields()
     has = [
         row
@@ -434,7 +434,7 @@ def _rows_of(model: "Model", names: Sequence[str] | None) -> list[Variable]:
 
 
 def _several(name: str, words: Sequence[str]) -> list[str]:
-    """Words that were given as a list; InputError for one alone, whose letters would be taken for words, and all else."""
+    """A list of words; InputError for a single one, whose letters would be taken for words, and for anything else."""
     if isinstance(words, str | bytes) or not np.iterable(words):
         raise InputError(f"{name} = {in_line(words)}: must be a list of names")
     return list(words)
@@ -447,7 +447,7 @@ def _values(model: "Model", rows: list[Variable]) -> dict[str, np.ndarray]:
 
 
 def _impulses(model: "Model") -> dict[str, np.ndarray]:
-    """What the running impulses are now [N s per cell], with the sign of the stresses in the table."""
+    """The running impulses now [N s per cell], with the sign of the stresses in the table."""
     now = {}
     for a, _ in AXES:
         for stress, fluid, sign in (("ocean", model.ocean, 1.0), ("air", model.atmosphere, -1.0)):
@@ -464,8 +464,8 @@ def _mean_stresses(
 ) -> dict[str, np.ndarray]:
     """Mean stress since the last frame [Pa]; NaN if no time has passed.
 
-    Per ice area it is that mean over the area of ice now, so that with the concentration of the same frame it gives the
-    stress per cell area, as for a host (docs/couple.md).
+    Per ice area it is that mean over the area of ice now, so that multiplied by the concentration of the same frame it
+    gives the stress per cell area, as for a host (docs/couple.md).
     """
     span = now[0] - before[0]
     means = {}
@@ -480,14 +480,14 @@ def _mean_stresses(
 
 
 def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
-    """Contacts, bonds, the sum of |force| and the pressure of each floe (eq. floe-pressure)."""
+    """Contacts, bonds, sum of |force| and pressure of each floe (eq. floe-pressure)."""
     f, n = model.floes, len(model.floes)
     pairs = model.contacts()
     ends = np.concatenate([pairs.i, pairs.j])
 
     def per_floe(values: np.ndarray) -> np.ndarray:
         sums = np.bincount(ends, values, minlength=n)
-        return sums.astype(np.float64)  # without any contact they come as integers
+        return sums.astype(np.float64)  # without any contact they are integers
 
     push = -(pairs.fx * pairs.dx + pairs.fy * pairs.dy) / np.hypot(pairs.dx, pairs.dy)
     arms = f.radius[ends] - 0.5 * np.tile(pairs.overlap, 2)
@@ -506,17 +506,17 @@ def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
 
 @contextlib.contextmanager
 def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
-    """A file of this module for reading, also while a run still writes it.
+    """Open a file of this module for reading, even while a run still writes it.
 
     Parameters
     ----------
     path : the file
-    kinds : which may be opened: "gridded", "trajectories", "tradeoff"
+    kinds : kinds that may be opened: "gridded", "trajectories", "tradeoff"
 
     Raises
     ------
     InputError
-        if there is no such file, it is no NetCDF file, or not one of these kinds and of this version.
+        if there is no such file, or it is no NetCDF file of these kinds and this version.
     """
     from netCDF4 import Dataset
 
@@ -553,21 +553,21 @@ def save_restart(
 ) -> None:
     """Save a state so that `load_restart` gives back the same bits.
 
-    The file is written under another name and takes its own name when it is whole and on the disk; an
-    older restart file of that name is replaced then, and not before.
+    The file is written under another name and renamed once it is complete and on the disk; only then is an
+    older restart file of that name replaced.
 
     Parameters
     ----------
     path : the file to make
     state : arrays of numbers, bools or texts of any shape, texts, bytes, numbers, bools, None, and
         mappings of such
-    attributes : texts and numbers that describe the state, for people
+    attributes : texts and numbers that describe the state, for readers
     overwrite : whether an older file of that name may be replaced
 
     Raises
     ------
     InputError
-        for a value of another kind, a missing folder, or a file that may not be replaced.
+        for a value of another type, a missing folder, or a file that may not be replaced.
     """
     path = path_of("path", path)
     if state is None:
@@ -582,7 +582,7 @@ def save_restart(
     check_target(path, overwrite)
     entries = entries_of(state)
     made = attributes_of("State of sea-ice floes, to go on from")
-    del made["Conventions"]  # CF is about fields and trajectories
+    del made["Conventions"]  # CF covers only fields and trajectories
     told = {**made, "floebmi_version": floebmi.__version__, **(attributes or {})}
     with disk_full_told(path), in_one_go(path, overwrite) as part:
         with new_file(part) as data:
@@ -601,7 +601,7 @@ def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     Raises
     ------
     InputError
-        if there is no such file, it is damaged, or of another version.
+        if there is no such file, or it is damaged or of another version.
     """
     from netCDF4 import Dataset
 
@@ -633,7 +633,7 @@ def load_restart(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _write_entry(data: "Dataset", name: str, kind: str, array: np.ndarray) -> None:
-    """A variable of this path; numbers of a length n share the dimension n of the file."""
+    """Write a variable of this path; arrays of length n share the dimension n of the file."""
     dimensions = []
     for size in array.shape:
         if (dimension := f"n{size}") not in data.dimensions:
@@ -647,7 +647,7 @@ def _write_entry(data: "Dataset", name: str, kind: str, array: np.ndarray) -> No
 
 
 def _variables(group: Any, above: str) -> Iterator[tuple[str, Any]]:
-    """The variables of a group of a file and of the groups in it, with their paths."""
+    """The variables of a group and of the groups within it, with their paths."""
     for name, variable in group.variables.items():
         yield above + name, variable
     for name, inner in group.groups.items():

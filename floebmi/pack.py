@@ -1,7 +1,7 @@
-"""Floes as the kernels see them: active ones only, sorted in space, packed into few cache lines.
+"""Packed floes, as the kernels see them: active ones only, sorted in space, in few cache lines.
 
-All that a contact reads of a floe is one record of 64 bytes.  Which fields and arrays exist follows from the
-laws: a spin only with friction or a torque.  What is not needed is None, which the kernels compile to nothing.
+All that a contact reads of a floe is one record of 64 bytes.  The laws determine which fields and arrays exist:
+a spin only with friction or a torque.  What is not needed is None, which the kernels compile to nothing.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ def _record(*names: str) -> np.dtype:
     return np.dtype([(name, np.float64) for name in names])
 
 
-# a floe is one line of the cache, in the order of `columns.gather`; w is 1/m, or 0 for a floe that nothing moves
+# a floe is one cache line, in the order of `columns.gather`; w is 1/m, or 0 for a floe that no force moves
 SPINNING = _record("x", "y", "u", "v", "r", "h", "omega", "w")
 MOVING = _record("x", "y", "u", "v", "r", "h", "unused", "w")
 FORCE = _record("x", "y")
@@ -27,7 +27,7 @@ FORCE_AND_TORQUE = _record("x", "y", "torque", "unused")
 
 
 def _lines(n: int, kind: np.dtype) -> np.ndarray:
-    """n zero records that begin where a line of the cache does."""
+    """n zero records, aligned to a cache line."""
     line = 64
     room = np.zeros(n * kind.itemsize + line, np.uint8)
     first = -room.ctypes.data % line
@@ -40,20 +40,20 @@ class Packed(NamedTuple):
     floes: np.ndarray  # x, y, u, v, r, h, w
     spinning: np.ndarray | None  # the same records, if they have an omega
     force: np.ndarray  # x, y (and torque), of contacts
-    number: np.ndarray  # the floe's number for ever
+    number: np.ndarray  # permanent number of the floe
     mass: np.ndarray  # m, 0 of coast
     inverse_x: np.ndarray  # 1/m, or 0 where motion along x is prescribed
     inverse_y: np.ndarray
     inertia: np.ndarray | None  # J = m r²/2
     inverse_spin: np.ndarray | None  # 1/J, or 0 where rotation is prescribed
-    angle: np.ndarray | None  # by which the floe has turned
-    held: np.ndarray  # packed index of floes with a prescribed axis, coast aside
+    angle: np.ndarray | None  # by which the floe has rotated
+    held: np.ndarray  # packed index of floes with a prescribed axis, without coast
     land: np.ndarray  # bool: a piece of coast
-    first_x: np.ndarray  # where the floe was when it was packed
+    first_x: np.ndarray  # position of the floe when it was packed
     first_y: np.ndarray
     previous: (
         np.ndarray | None
-    )  # contact forces, torques of the last step (n, 3), for the paper's schemes
+    )  # contact forces and torques of the last step (n, 3), for the paper's schemes
     origin_x: float  # of the records' coordinates
     origin_y: float
     friction: np.ndarray | None  # μ and σ_c of each floe, where they differ
@@ -66,9 +66,9 @@ def places(
     origin: tuple[float, float],
     remainder: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where some floes are, from the origin of the records [m].
+    """Positions of some floes, relative to the origin of the records [m].
 
-    remainder : what rounding took from the floes' x, y when they were unpacked (n, 2) [m], or None
+    remainder : rounding error of the floes' x, y when they were unpacked, to be added (n, 2) [m], or None
     """
     x, y = np.empty((2, len(number)))
     _from_origin(floes.x, floes.y, number, *origin, x, y)
@@ -85,7 +85,7 @@ def _from_origin(x, y, number, origin_x, origin_y, here_x, here_y):
 def in_space(
     floes: Floes, origin: tuple[float, float], remainder: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The numbers of the active floes, sorted in space, coast last, and where they are; see `places`."""
+    """Numbers of the active floes, sorted in space, coast last in its tile, and their positions; see `places`."""
     number = np.flatnonzero(floes.active)
     x, y = places(floes, number, origin, remainder)
     if not len(number):
@@ -106,10 +106,10 @@ def pack(
     previous: np.ndarray | None,
     origin: tuple[float, float],
 ) -> Packed:
-    """Copy floes into records, in the order of their numbers, at the places given.
+    """Copy floes into records, in the order of `number`, at the positions given.
 
-    previous : forces [N] and torques [N m] (n, 3) of the last step that the paper's schemes keep, or None
-    origin : x, y from which the records count [m]
+    previous : forces [N] and torques [N m] (n, 3) of the last step, for the paper's schemes, or None
+    origin : x, y of the origin of the records' coordinates [m]
     """
     n = len(number)
     rotation = floes.rotation
@@ -156,9 +156,9 @@ def pack_again(
     first_y: np.ndarray,
     previous: np.ndarray | None,
 ) -> Packed:
-    """The same floes in the same arrays, at the places given and as fast as they are now; see `pack`.
+    """The same floes in the same arrays, at the positions given and with their present velocities; see `pack`.
 
-    Radius, thickness and prescribed motion are those of before; forces are left to be found.
+    Radius, thickness and prescribed motion stay as before; forces are not yet computed.
     """
     number = packed.number
     angle = None if packed.spinning is None else np.empty(len(number))
@@ -177,7 +177,7 @@ def pack_again(
 
 @in_place
 def _set_going(records, spinning, angle, x, y, number, u, v, omega, all_angles):
-    """Write records one after the other: column by column each would be fetched many times."""
+    """Write records one after the other; column by column, each would be fetched many times."""
     for k in range(number.size):
         floe, record = np.uintp(number[k]), records[k]
         record.x, record.y, record.u, record.v = x[k], y[k], u[floe], v[floe]
@@ -188,14 +188,14 @@ def _set_going(records, spinning, angle, x, y, number, u, v, omega, all_angles):
 def unpack(
     packed: Packed, floes: Floes, previous: np.ndarray | None, remainder: np.ndarray | None
 ) -> None:
-    """Copy what moved back into the floes."""
+    """Copy positions and velocities back into the floes."""
     p, number = packed, packed.number
     _put_back(
         p.floes, p.spinning, p.angle, number, p.first_x, p.first_y, p.origin_x, p.origin_y,
         floes.x, floes.y, floes.u, floes.v, floes.angular_velocity, floes.angle,
     )  # fmt: skip
     if remainder is not None:
-        # not in a kernel, whose fast mathematics would find that rounding takes nothing
+        # not in a kernel, whose fast-math would optimise the rounding error away
         for axis, (place, now, first, origin) in enumerate(
             (
                 (floes.x, p.floes["x"], p.first_x, p.origin_x),
@@ -215,7 +215,7 @@ def _put_back(
 ):  # fmt: skip
     for k in range(number.size):
         floe, record = np.uintp(number[k]), records[k]
-        if record.x != first_x[k]:  # one that did not move keeps its place to the bit
+        if record.x != first_x[k]:  # a floe that did not move keeps its position to the bit
             x[floe] = record.x + origin_x
         if record.y != first_y[k]:
             y[floe] = record.y + origin_y
@@ -226,7 +226,7 @@ def _put_back(
 
 @dispatched
 def omega_of(spinning, k):
-    """The angular velocity of a floe; none where floes do not turn."""
+    """The angular velocity of a floe; 0 where floes do not rotate."""
     return spinning[k].omega
 
 
@@ -237,7 +237,7 @@ def _(spinning: None, k):
 
 @dispatched
 def set_omega(spinning, k, omega):
-    """Give a floe its angular velocity, where floes turn."""
+    """Set the angular velocity of a floe, where floes rotate."""
     spinning[k].omega = omega
 
 

@@ -1,8 +1,8 @@
-"""Pairs of floes: the list of those that may touch, the short list of those about to, and their forces.
+"""Pairs of floes: the list of those that may touch, the short list of those about to touch, and their forces.
 
 The list (neighbours.py) holds all pairs that may touch before it is renewed.  Most of them do not, so the kernels
-keep a second list of those so close that they may touch in the next few steps, and step with that one alone
-(eq. near).  What a pair remembers is carried along in it, side by side.
+keep a second list, of the pairs close enough to touch in the next few steps, and step with that one alone
+(eq. near).  The short list holds the memory of its pairs contiguously.
 """
 
 from typing import NamedTuple
@@ -49,7 +49,7 @@ BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
         ("ny", np.float64),
         ("a_i", np.float64),  # lever arms [m]
         ("a_j", np.float64),
-        ("opening", np.float64),  # when it was found [m/s]
+        ("opening", np.float64),  # when the blow was found [m/s]
         ("slip_rate", np.float64),
         ("normal", np.float64),  # impulses [N s]
         ("tangential", np.float64),
@@ -58,9 +58,9 @@ BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
 
 
 class PairList(NamedTuple):
-    """Candidate pairs and what they remember; see `contact.memories`.
+    """Candidate pairs and their memory; see `contact.memories`.
 
-    i, j : rows of the packed floes; start : pairs of row k are start[k] to start[k + 1], None in the short list
+    i, j : rows of the packed floes; start : row k has the pairs start[k] to start[k + 1] − 1; None in the short list
     """
 
     start: np.ndarray | None
@@ -68,18 +68,18 @@ class PairList(NamedTuple):
     j: np.ndarray
     slip: np.ndarray | None = None  # of the spring along t [m]
     bonded: np.ndarray | None = None  # see `bonds.hold`
-    bent: np.ndarray | None = None  # angle of j against i since they bonded [rad]
-    failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes part
+    bent: np.ndarray | None = None  # rotation of j relative to i since they bonded [rad]
+    failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes separate
     slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
-    damped: np.ndarray | None = None  # force of the dashpots [N], since the list was made
+    damped: np.ndarray | None = None  # force of the dashpots [N], kept since the list was made
     block: np.ndarray | None = None  # all of these, row by row
 
     def memories(self) -> tuple[str, ...]:
-        """The names of the rows of the block."""
+        """Names of the rows of the block."""
         return tuple(name for name in MEMORIES if getattr(self, name) is not None)
 
     def copy(self) -> "PairList":
-        """The same pairs with a memory of their own, of what lasts beyond the list."""
+        """The same pairs with a copy of the memory that outlasts the list."""
         block = self.block.copy()
         memory = dict(zip(self.memories(), block, strict=True))
         if self.damped is not None:
@@ -87,15 +87,15 @@ class PairList(NamedTuple):
         return self._replace(**memory, block=block)
 
     def memory(self) -> dict[str, np.ndarray]:
-        """What lasts beyond the list, by name."""
+        """The memory that outlasts the list, by name."""
         named = {name: getattr(self, name) for name in MEMORIES[:-1]}
         return {name: values for name, values in named.items() if values is not None}
 
 
 class Inverse(NamedTuple):
-    """How easily floes are moved: 0 along an axis with prescribed motion.
+    """Inverse masses and inertias of floes: 0 along an axis with prescribed motion.
 
-    held : whether any floe that is no coast has such an axis; else the w of a floe's own record serves both axes
+    held : whether any floe other than coast has such an axis; else the w of a floe's own record serves both axes
     x, y : inverse masses [1/kg]; spin : inverse inertia, or None
     """
 
@@ -106,10 +106,10 @@ class Inverse(NamedTuple):
 
 
 class Near(NamedTuple):
-    """The short list: pairs of a `PairList` that are close, by part of it, with room for all of them.
+    """The short list: close pairs of a `PairList`, part by part, with room for all of them.
 
-    list_i, list_j, list_block : the list; slot : places in it; i, j, block : the short list itself
-    parts : where the parts of the list begin and end; counts : how many of each part are near
+    list_i, list_j, list_block : the list; slot : positions in it; i, j, block : the short list itself
+    parts : where the parts of the list begin and end; counts : number of close pairs in each part
     """
 
     list_i: np.ndarray
@@ -126,7 +126,7 @@ class Near(NamedTuple):
 def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
     """Room for the short list of a list, and the same arrays as a `PairList`.
 
-    Each part has room for four pairs more than it may hold, since pairs are taken four at a time.
+    Each part has room for four extra pairs, since pairs are taken four at a time.
     """
     count = len(parts) - 1
     room = len(pairs.i) + count * LANES
@@ -139,24 +139,24 @@ def near_of(pairs: PairList, parts: np.ndarray) -> tuple[Near, PairList]:
 
 
 def emptied(near: Near, pairs: PairList) -> Near:
-    """The same room, empty, for a short list of the same pairs with another memory."""
+    """The same room, emptied, for a short list of the same pairs with another memory."""
     return near._replace(list_block=pairs.block, counts=np.zeros_like(near.counts))
 
 
 def room_for_blows(parts: np.ndarray) -> np.ndarray:
-    """Room for the blows of two parts, each with as many pairs as any has."""
+    """Room for the blows of two parts, each as large as the largest part."""
     return as_records(np.empty((2, np.diff(parts).max(initial=0)), BLOW))
 
 
 def remembering(names: tuple[str, ...], n: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Room for what n pairs remember, all 0: by name, and as one block of which the named arrays are the rows."""
+    """The memory of n pairs, all 0: by name, and as one block whose rows are the named arrays."""
     block = np.zeros((len(names), n))
     return dict(zip(names, block, strict=True)), block
 
 
 @dispatched
 def wrap(period, d):
-    """The nearest image of a distance in a periodic direction."""
+    """A coordinate difference to the nearest image in a periodic direction."""
     return d - period * np.rint(d / period)
 
 
@@ -167,7 +167,7 @@ def _(period: None, d):
 
 @dispatched
 def recall(memory, p):
-    """What pair p remembers, or floe p has; 0 where there is no such thing."""
+    """The value of pair or floe p; 0 where there is no such array."""
     return memory[
         np.uintp(p)
     ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
@@ -180,7 +180,7 @@ def _(memory: None, p):
 
 @dispatched
 def remember(memory, p, value):
-    """Keep a value in the slot of pair p."""
+    """Store a value in the slot of pair p."""
     memory[np.uintp(p)] = value
 
 
@@ -194,7 +194,7 @@ def _(memory: None, p, value):
 
 @in_place
 def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
-    """List anew the pairs of some parts that are nearer than a gap and a margin.
+    """Rebuild the short list of some parts: pairs closer than a gap plus a margin.
 
     gap : of a bond about to break, over the sum of radii [1]; margin [m]
     """
@@ -208,9 +208,9 @@ def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
             reach = (one.r + other.r) * (1.0 + gap) + margin
             q = np.uintp(first + n)  # unsigned: no wrap-around of negative indices
             near.slot[q], near.i[q], near.j[q] = p, i, j
-            n += not dx * dx + dy * dy >= reach * reach  # what is not a number stays in
+            n += not dx * dx + dy * dy >= reach * reach  # NaN stays in
         last = near.i[first + max(n - 1, 0)]
-        for q in range(first + n, first + n + LANES):  # four at a time, also at the end
+        for q in range(first + n, first + n + LANES):  # padding: pairs are taken four at a time
             near.i[q] = near.j[q] = last
         near.counts[part] = n
         for row in range(near.block.shape[0]):
@@ -220,7 +220,7 @@ def narrow(period_x, period_y, floes, near, first_part, last_part, gap, margin):
 
 @in_place
 def settle(near, first_part, last_part):
-    """Copy what pairs of the short list remember back into the list."""
+    """Copy the memory of the short list back into the list."""
     for part in range(first_part, last_part):
         first = near.parts[part] + LANES * part
         for row in range(near.block.shape[0]):
@@ -238,10 +238,10 @@ def touch_floes(
 ):  # fmt: skip
     """Add the forces of a part of the short list, a block at a time.
 
-    dt : time over which contacts have slipped
+    dt : time over which contacts have slipped [s]
     inverse : an `Inverse`; None: contacts that opened or closed note no blows
     lost : a row of `Books.lost`
-    Returns how many blows there are.
+    Returns the number of blows.
     """
     begin = near.parts[part] + LANES * part
     end = begin + near.counts[part]
@@ -335,7 +335,7 @@ def _(slip: None, spinning, f, nx, ny, a_i, a_j, k, buffer):
 
 @dispatched
 def keep_no_torque(spinning, k, buffer):
-    """No torque of a contact that does not resist slip, on floes that turn."""
+    """Set the torque of a contact that does not resist slip to 0, for floes that rotate."""
     buffer[TORQUE_I + k] = buffer[TORQUE_J + k] = 0.0
 
 
@@ -346,7 +346,7 @@ def _(spinning: None, k, buffer):
 
 @dispatched
 def blow_along(slip, k, buffer):
-    """The blow along the contact; none where nothing resists slip."""
+    """The tangential blow; 0 where nothing resists slip."""
     return buffer[BLOW_T + k]
 
 
@@ -357,7 +357,7 @@ def _(slip: None, k, buffer):
 
 @dispatched
 def turning(spinning, a_i, a_j, k, buffer):
-    """Part of the slip rate that comes from rotation [m/s]."""
+    """Part of the slip rate due to rotation [m/s]."""
     return a_i * buffer[OMEGA_I + k] + a_j * buffer[OMEGA_J + k]
 
 
@@ -368,7 +368,7 @@ def _(spinning: None, a_i, a_j, k, buffer):
 
 @dispatched
 def twisting(bent, k, buffer):
-    """Rate at which j turns against i [rad/s]."""
+    """Rotation rate of j relative to i [rad/s]."""
     return buffer[OMEGA_J + k] - buffer[OMEGA_I + k]
 
 
@@ -379,7 +379,7 @@ def _(bent: None, k, buffer):
 
 @dispatched
 def least_of(own, of_all, i, j):
-    """Of two floes with a property of their own, the pair has the smaller (eq. spread)."""
+    """The property of a pair: the smaller of its floes' values (eq. spread), or the common one."""
     return min(own[i], own[j])
 
 
@@ -401,7 +401,7 @@ def _(own: None, pair_i, pair_j, first, n, row, buffer):
 
 @dispatched
 def least(own, of_all, slot, buffer):
-    """What was gathered, or what all floes have alike."""
+    """The gathered value of a pair, or the one that all floes have in common."""
     return buffer[slot]
 
 
@@ -414,9 +414,9 @@ def _(own: None, of_all, slot, buffer):
 def note_blows(
     inverse, law, period_x, period_y, slip, spinning, pair_i, pair_j, first, n, blows, noted, buffer
 ):  # fmt: skip
-    """Note the blows of a block of pairs, most of which have none; returns how many there are by now."""
+    """Note the blows of a block of pairs, most of which have none; returns the number noted so far."""
     last = noted
-    for k in range(n):  # which pairs, first: a branch for each would be foreseen by no processor
+    for k in range(n):  # first select the pairs, without a branch that no processor could predict
         blows[last].i = k
         last += (buffer[BLOW_N + k] != 0.0) | (blow_along(slip, k, buffer) != 0.0)
     for q in range(noted, last):
@@ -447,9 +447,9 @@ def _(
 
 @dispatched
 def strike_floes(law, slip, inverse, floes, spinning, blows, noted, dt, force, constraint, lost):
-    """The blows that were noted, one after the other, of opposite sign on both floes.
+    """Apply the noted blows one after the other, with opposite sign on the two floes.
 
-    By now the forces of the other contacts are known too, but for those with floes of still later tiles.
+    By now the forces of the other contacts are known too, except those with floes of still later tiles.
     """
     half, not_taken = 0.5 * dt, 0.0
     for q in range(noted):
@@ -473,7 +473,7 @@ def strike_floes(law, slip, inverse, floes, spinning, blows, noted, dt, force, c
         strike(inverse, floes, j, -x, -y, constraint)
         strike_spin(inverse.spin, spinning, i, blow_t * one.a_i, constraint)
         strike_spin(inverse.spin, spinning, j, blow_t * one.a_j, constraint)
-    # slip that a beam resists is a bond's; where no law takes energy, this stays in the residual
+    # slip resisted by a beam belongs to the bond; where no law takes energy, this stays in the residual
     if law.friction is not None:
         lost[FRICTION] -= not_taken
     elif law.bonds is not None:
@@ -487,9 +487,9 @@ def _(law: None, slip, inverse, floes, spinning, blows, noted, dt, force, constr
 
 @dispatched
 def take_slip(slip, law, one, slip_rate, w_t, inverse_spin, spinning, force, half):
-    """The blow along the contact, see `contact.blow`; none where nothing resists slip.
+    """The tangential blow, see `contact.blow`; 0 where nothing resists slip.
 
-    slip_rate : without the spins, after half a step [m/s]; w_t : without them, how easily a force along it moves both [1/kg]
+    slip_rate : without rotation, after half a step [m/s]; w_t : tangential inverse mass of the pair, without rotation [1/kg]
     """
     for k, arm in ((one.i, one.a_i), (one.j, one.a_j)):
         turn_rate, w = turning_ahead(inverse_spin, spinning, force, k, arm, half)
@@ -505,7 +505,7 @@ def _(slip: None, law, one, slip_rate, w_t, inverse_spin, spinning, force, half)
 
 @dispatched
 def turning_ahead(inverse_spin, spinning, force, k, arm, half):
-    """After half a step, what a floe's spin adds to the slip rate [m/s]; how easily a force turns it, a²/J [1/kg]."""
+    """Slip rate due to a floe's rotation after half a step [m/s], and its rotational inverse mass a²/J [1/kg]."""
     w = arm * inverse_spin[k]
     return arm * spinning[k].omega + half * w * force[k].torque, arm * w
 
@@ -517,7 +517,7 @@ def _(inverse_spin: None, spinning, force, k, arm, half):
 
 @inner
 def inverse_masses(inverse, floes, k):
-    """1/m of a floe along x and y; where no axis is held, from the floe's own line of the cache."""
+    """1/m of a floe along x and y; where no axis is held, from the floe's own cache line."""
     if inverse.held:
         return inverse.x[k], inverse.y[k]
     return floes[k].w, floes[k].w
@@ -525,7 +525,7 @@ def inverse_masses(inverse, floes, k):
 
 @inner
 def strike(inverse, floes, k, x, y, constraint):
-    """An impulse on a floe; a held axis hands it on to what holds it."""
+    """Apply an impulse to a floe; along a held axis the constraint takes it up."""
     w_x, w_y = inverse_masses(inverse, floes, k)
     floes[k].u += w_x * x
     floes[k].v += w_y * y

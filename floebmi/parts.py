@@ -1,4 +1,4 @@
-"""What a model may be made of: parts of their kinds, laws that go together, numbers within their bounds."""
+"""Checks of the parts of a model: their types, laws that fit together, numbers within their bounds."""
 
 from collections.abc import Iterable, Sequence
 from numbers import Integral
@@ -24,7 +24,7 @@ def check_kinds(
     step: object,
     atmosphere_grid: object,
 ) -> None:
-    """InputError for a part of a model that is of another kind, such as one that stands in another's place."""
+    """InputError for a part of a model of the wrong type, such as one passed in another's place."""
     check_domain(domain)
     for name, part, kind in (("floes", floes, Floes), ("step", step, Step)):
         if not isinstance(part, kind):
@@ -39,7 +39,7 @@ def check_kinds(
 
 
 def listed_forces(forces: Iterable[Force]) -> tuple[Force, ...]:
-    """The forces of a model; InputError for what is no force, has no code, is listed twice or excludes another."""
+    """The forces of a model; InputError for one that is no force, has no code, is listed twice or excludes another."""
     if not np.iterable(forces):
         raise InputError(f"forces = {forces!r}: must be a list of forces, as [OceanDrag()]")
     forces = tuple(forces)
@@ -63,7 +63,7 @@ def listed_forces(forces: Iterable[Force]) -> tuple[Force, ...]:
 def check_laws(
     forces: tuple[Force, ...], contact: Contact | None, sampling: str, step: Step
 ) -> None:
-    """InputError for numbers out of their bounds, unknown words, and what does not go together."""
+    """InputError for numbers out of bounds, unknown words, and settings that exclude each other."""
     if contact is not None and not isinstance(contact, Contact):
         raise InputError(
             f"contact = {contact!r}: must be a Contact, as frictional() or cohesive() make"
@@ -93,7 +93,7 @@ def check_laws(
 def check_numbers(
     ice_density: object, draft_fraction: object, seed: object, threads: object
 ) -> None:
-    """InputError for what none of these numbers may be."""
+    """InputError for invalid values of these numbers."""
     for name, value in (("ice_density", ice_density), ("draft_fraction", draft_fraction)):
         if not (is_number(value) and value > 0):
             raise InputError(f"{name} = {value!r}: must be greater than 0")
@@ -105,7 +105,7 @@ def check_numbers(
 
 
 def refuse_strangers(floes: Floes, contact: Contact | None) -> None:
-    """InputError for floes of another model: each has a number of its own that this contact law does not spread."""
+    """InputError for floes of another model, with individual values of a number that this contact law does not spread."""
     for name, part in (("friction", "friction"), ("tensile_strength", "bonds")):
         if getattr(floes, name) is not None and name not in own(contact):
             raise InputError(

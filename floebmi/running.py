@@ -1,9 +1,9 @@
-"""Forcing → advance → write, again and again, with a meter.
+"""Runs of a model: forcing, advance, output, repeated, with a progress meter.
 
-A run is what a host model would do with the component: fill the fluids' arrays, advance by one exchange
-interval, look at the result.  The forcing of an interval is the one in its middle.  Whatever ends a run
+A run does what a host model would do with the component: fill the fluids' arrays, advance by one exchange
+interval, read the result.  The forcing of an interval is that at its middle.  Whatever ends a run
 early (Ctrl-C, an unstable step, forcing that ends too soon, a full disk), the frames written so far are
-readable, and the state at the last exchange is saved if a place for it was given.
+readable, and the state at the last exchange is saved if a restart file was named.
 """
 
 import contextlib
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from floebmi.state import Counters
 
 DAY = 86400.0
-SAVED_EVERY = 60.0  # seconds on the clock between states saved while a run goes on
+SAVED_EVERY = 60.0  # wall-clock time between states saved during a run [s]
 
 
 class WallTime(NamedTuple):
-    """Where the time of a run went [s].
+    """Wall-clock time of the parts of a run [s].
 
     forcing, ice, output : filling the fluids; advancing the ice; writing files
-    steps, lists : the parts of `ice` in which floes stepped, and were listed by neighbours with what sets the step
-    making : compiling kernels, or loading those compiled before; in none of the others
-    total : with all else
+    steps, lists : the parts of `ice` for time steps, and for neighbour lists with the limit on the step
+    making : compiling kernels, or loading compiled ones; not included in the others
+    total : everything
     """
 
     forcing: float
@@ -54,24 +54,24 @@ class WallTime(NamedTuple):
 
     @property
     def exchange(self) -> float:
-        """The rest of `ice`: areas and weights, fluids read and given back, first forces, books."""
+        """The rest of `ice` [s]: areas and weights, exchange with the fluids, first forces, ledger."""
         return self.ice - self.steps - self.lists
 
 
 class Report(NamedTuple):
-    """What a run did.
+    """The result of a run.
 
     Attributes
     ----------
     finished : False if it was stopped before its end
     start, end : simulated time [s]
-    wall : seconds on the clock, by what they were spent on
+    wall : wall-clock time, by part of the run
     floe_steps : steps of all floes in this run
-    counters : of the model, since its start, as this run ended
+    counters : of the model, since its start, at the end of this run
     ledger : mass, momentum and energy of the ice, likewise
-    contacts : pairs of floes that pushed or held each other as it ended
-    files : what was written
-    shares : of contacts, other forces and motion in the time of a step as it ended [1], if a profile was asked for
+    contacts : number of pairs of floes in contact or bonded at the end
+    files : files written
+    shares : of contacts, other forces and motion in the time of a step at the end [1], if a profile was requested
     """
 
     finished: bool
@@ -99,7 +99,7 @@ class Report(NamedTuple):
         )
 
     def profile(self) -> str:
-        """A table of where the time went, and of what was counted."""
+        """A table of the time spent, and of the counters."""
         c, wall = self.counters, self.wall
         rest = wall.total - wall.forcing - wall.ice - wall.output - wall.making
         per_floe_step = _ratio(1e9, self.speed)
@@ -158,22 +158,22 @@ def run(
 
     Parameters
     ----------
-    model : goes on from where it is
-    duration : [s]
-    ocean, atmosphere : what fills the velocities of the ocean and of the wind (`forcing.Constant`,
-        `forcing.Function`, `forcing.VelocityFile`); left out, the arrays of `model.ocean` and
+    model : continues from its present state
+    duration : length of the run [s]
+    ocean, atmosphere : sources of the velocities of the ocean and of the wind (`forcing.Constant`,
+        `forcing.Function`, `forcing.VelocityFile`); if omitted, the arrays of `model.ocean` and
         `model.atmosphere` stay as they are
-    exchange : between exchanges of momentum with the fluids [s]; default: `every`
-    every : between frames [s]; default: a twentieth of the duration
+    exchange : time between exchanges of momentum with the fluids [s]; default: `every`
+    every : time between frames [s]; default: a twentieth of the duration
     gridded, trajectories : NetCDF files to make, see `output`
     restart : file for the state at the end, or at the last exchange of a run that was cut short; also saved
-        with a frame once a minute, for a run that is killed. Where there is none it is made as the run begins, so that no
+        with a frame once a minute, in case the run is killed. If it does not exist, it is made at the start, so that no
         other run takes its name meanwhile
     attributes, reference, calendar, projection, land : see `output.GriddedWriter`
     overwrite : whether files may be replaced
     progress : show a meter
-    profile : time what contacts, drag and motion take of a step as the run ends, for `Report.profile`; takes about a
-        second more, and leaves the model as it is
+    profile : measure the shares of contacts, drag and motion in a step at the end of the run, for `Report.profile`; takes
+        about a second more, and leaves the model unchanged
 
     Returns
     -------
@@ -182,10 +182,10 @@ def run(
     Raises
     ------
     InputError
-        for a duration or an interval that cannot be, a file that exists or is named twice, forcing that does not reach,
-        for one that was made for other cells, and while another thread is at work on the model.
+        for an invalid duration or interval, a file that exists or is named twice, forcing that does not cover the run
+        or was made for other cells, and while another thread works on the model.
     StabilityError
-        if floes leave what the step resolves.
+        if the step no longer resolves the motion of the floes.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def run(
                     drive.fill(0.5 * (model.time + target))
                 with clock.of_ice(model):
                     model.advance(target - model.time)
-                model.time = target  # a sum of many intervals would drift
+                model.time = target  # a sum of many intervals would accumulate rounding errors
                 state = model.state()
                 if k % exchanges == 0 or target == end or interrupts:
                     with clock.of("output"):
@@ -256,7 +256,7 @@ def run(
                 if interrupts:
                     break
         except BaseException as error:
-            # a run that got nowhere does not replace the state of an earlier one
+            # a run without progress does not replace the state of an earlier one
             if restart is not None and (
                 state["time"] > start or claim or not Path(restart).exists()
             ):
@@ -274,7 +274,7 @@ def run(
 
 
 def _exchange_ends(start: float, end: float, exchange: float) -> Iterator[tuple[int, float]]:
-    """Number and end [s] of each exchange: multiples of `exchange`, wherever a run starts, and the end of the run."""
+    """Number and end [s] of each exchange: multiples of `exchange`, whenever the run starts, and the end of the run."""
     k, now = int(start / exchange * (1 + 1e-12)), start
     while now < end:
         k += 1
@@ -289,7 +289,7 @@ def _exchange_ends(start: float, end: float, exchange: float) -> Iterator[tuple[
 def _check_sources(
     model: "Model", sources: "Mapping[str, VelocitySource | None]", start: float, end: float
 ) -> None:
-    """InputError for what cannot fill the fluid of that name from `start` to `end` [s]; fluids then are as at the start."""
+    """InputError for a source that cannot fill its fluid from `start` to `end` [s]; leaves the fluids as at the start."""
     given = {name: source for name, source in sources.items() if source is not None}
     for name, source in given.items():
         if not (hasattr(source, "fill") and hasattr(source, "span")):
@@ -304,7 +304,7 @@ def _check_sources(
 
 
 def _files_of(named: Mapping[str, str | Path | None]) -> list[Path]:
-    """The files that were given under these names; InputError for one that is given twice."""
+    """The files given under these names; InputError for one that is given twice."""
     from floebmi.files import path_of
 
     files = [path_of(name, path) for name, path in named.items() if path is not None]
@@ -319,8 +319,8 @@ def _files_of(named: Mapping[str, str | Path | None]) -> list[Path]:
 def check_forcing(source: "VelocitySource", fluid: "Fluid", start: float, end: float) -> None:
     """InputError if forcing does not fit, or does not reach from `start` to `end` [s].
 
-    A source that knows the cells it fills (`grid`) must fill those of the fluid: as many elsewhere would be wrong unseen.
-    The velocity of the fluid is then that at the start.
+    A source with a `grid` must fill the cells of the fluid; the same number of cells elsewhere would go unnoticed.
+    Leaves the velocity of the fluid as at the start.
     """
     grid = getattr(source, "grid", None)
     if grid is not None and not (
@@ -350,7 +350,7 @@ def check_intervals(every: float, exchange: float, where: str = "exchange") -> i
 
 
 def duration_text(seconds: float) -> str:
-    """A duration in a unit that suits it."""
+    """A duration in a suitable unit."""
     for unit, size in (("days", DAY), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2 * size:
             return f"{seconds / size:.4g} {unit}"
@@ -366,7 +366,7 @@ def _positive(name: str, value: float) -> float:
 def _save(
     path: str | Path, state: Mapping[str, Any], attributes: Any, error: BaseException
 ) -> None:
-    """Save the last good state, and say so with the error that ended the run."""
+    """Save the last valid state, and add a note about it to the error that ended the run."""
     from floebmi.output import save_restart
 
     try:
@@ -378,7 +378,7 @@ def _save(
 
 
 class Forcing:
-    """Fills the velocities of a model's fluids, of those that have a source and are in the model."""
+    """Sources that fill the velocities of those fluids of a model that have one."""
 
     def __init__(
         self, model: "Model", ocean: "VelocitySource | None", atmosphere: "VelocitySource | None"
@@ -389,7 +389,7 @@ class Forcing:
         ]
 
     def fill(self, t: float) -> None:
-        """Fill them as they are at t [s]."""
+        """Fill the velocities with those at time t [s]."""
         for source, fluid in self._pairs:
             source.fill(t, fluid.u, fluid.v)
 
@@ -401,7 +401,7 @@ def _writers(
     trajectories: str | Path | None,
     how: Mapping[str, Any],
 ) -> "list[GriddedWriter | TrajectoryWriter]":
-    """What writes the files of a run, closed with the stack; how : see `output.GriddedWriter`."""
+    """The writers of the files of a run, closed with the stack; how : see `output.GriddedWriter`."""
     from floebmi.output import GriddedWriter, TrajectoryWriter
 
     return [
@@ -412,13 +412,13 @@ def _writers(
 
 
 def _write(writers: "list[GriddedWriter | TrajectoryWriter]", model: "Model") -> None:
-    """A frame into each file."""
+    """Write a frame into each file."""
     for writer in writers:
         writer.write(model)
 
 
 class _Stopwatch:
-    """Seconds that a run spends, by what it spends them on."""
+    """Wall-clock time of a run, by part."""
 
     def __init__(self) -> None:
         self._begin, self._made = time.perf_counter(), Making.clock
@@ -445,13 +445,13 @@ class _Stopwatch:
 
 @contextlib.contextmanager
 def _gentle_interrupt() -> Iterator[list[int]]:
-    """Ctrl-C, SIGTERM and SIGHUP let the exchange at hand come to its end; a second one stops at once.
+    """Let Ctrl-C, SIGTERM and SIGHUP stop a run after the present exchange; a second one stops it at once.
 
-    Gives the list of the signals that came so far.
+    Yields the list of the signals received so far.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield came  # signals belong to the main thread
+        yield came  # only the main thread handles signals
         return
 
     def ask(number: int, frame: object) -> None:
@@ -460,7 +460,7 @@ def _gentle_interrupt() -> Iterator[list[int]]:
         came.append(number)
 
     numbers = [signal.SIGINT, signal.SIGTERM]
-    # Windows has no SIGHUP, and nohup has it ignored
+    # Windows has no SIGHUP, and nohup ignores it
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, ask) for number in numbers}
@@ -472,7 +472,7 @@ def _gentle_interrupt() -> Iterator[list[int]]:
 
 
 class _Meter:
-    """Simulated time, floe-steps per second, simulated days per hour on the clock, time left."""
+    """Progress meter: simulated time, floe-steps per second, simulated days per wall-clock hour, time left."""
 
     def __init__(self, model: "Model", total: float, show: bool) -> None:
         self._start, self._total = model.time, total

@@ -1,4 +1,4 @@
-"""The stable step: how fast the stiffest floe of a pack could swing, and the step that resolves it."""
+"""The stable step: a bound on the highest frequency of a pack, and the time step that resolves it."""
 
 from typing import NamedTuple
 
@@ -13,12 +13,12 @@ from floebmi.listing import widest_gap
 from floebmi.pack import Packed
 from floebmi.pairs import PairList, wrap
 
-# A floe's own matrix [1/s²] in x, y and s = r θ/√2, by its mass; and the sum of its damping rates [1/s].
+# Stiffness matrix of a floe over its mass [1/s²] in x, y and s = r θ/√2; and the sum of its damping rates [1/s].
 STIFFNESS = np.dtype([(name, np.float64) for name in ("xx", "yy", "xy", "xs", "ys", "ss", "rate")])
 
 
 class Stiffest(NamedTuple):
-    """What sets the step: ω_max² bound [1/s²], its floe (packed index), damping rate [1/s]."""
+    """The limit on the step: bound on ω_max² [1/s²], its floe (packed index), damping rate [1/s]."""
 
     omega2: float
     floe: int
@@ -26,7 +26,7 @@ class Stiffest(NamedTuple):
 
 
 def stable_step(stiffest: Stiffest, step: Step) -> float:
-    """Δt = fraction × 2 (√(1 + ζ²) − ζ)/ω_max (eq. stable-step); inf where nothing is stiff."""
+    """Δt = fraction × 2 (√(1 + ζ²) − ζ)/ω_max [s] (eq. stable-step); inf where nothing is stiff."""
     if not stiffest.omega2 > 0:
         return np.inf
     omega = np.sqrt(stiffest.omega2)
@@ -35,7 +35,7 @@ def stable_step(stiffest: Stiffest, step: Step) -> float:
 
 
 def paper_step(floes: Floes, contact: Contact, density: float, epsilon: float) -> float:
-    """Eq. 4: Δt = ε √(m_min/k_max), k = E h; inf where no floe moves in the domain."""
+    """Eq. 4: Δt = ε √(m_min/k_max) [s], k = E h; inf where no floe but coast is active."""
     ice = floes.active & ~floes.land
     if not ice.any():
         return np.inf
@@ -53,9 +53,9 @@ def stiffest(
 ) -> Stiffest:
     """Bound on the highest frequency of the pack, from each floe's own stiffness sum (eq. stable-step).
 
-    All pairs that may close count as contacts, so the bound holds until floes have strayed half of `closing` [m];
+    All pairs that may close count as contacts, so the bound holds until floes have moved half of `closing` [m];
     and no floe counts for less than one in a hexagonal pack without friction, so that a single collision is
-    resolved as well.
+    also resolved.
     """
     if contact is None or not len(packed.number):
         return Stiffest(0.0, -1, 0.0)
@@ -82,7 +82,7 @@ def _stiffest(
 ):  # fmt: skip
     # The energy of a contact, ½ k (b_i·q_i − b_j·q_j)², is at most ½ k [(1 + s)(b_i·q_i)² + (1 + 1/s)(b_j·q_j)²]
     # for any s > 0; s = √(m_i/m_j) is exact for two equal floes, and for a floe against a fixed one.
-    # Each floe is then a 3 × 3 problem of its own in (x, y, r θ/√2), divided by its mass.
+    # Each floe is then a separate 3 × 3 problem in (x, y, r θ/√2), divided by its mass.
     ratio, bend = largest_ratio(law), bending_ratio(beam_of(law.bonds))
     for p in range(pair_i.size):
         i, j = pair_i[p], pair_j[p]
@@ -102,7 +102,7 @@ def _stiffest(
         add_stiffness(sums[i], w_i, w_j, k_n, ratio * k_n, k_b / one.r**2, c, nx, ny, a_i)
         add_stiffness(sums[j], w_j, w_i, k_n, ratio * k_n, k_b / other.r**2, c, -nx, -ny, a_j)
     highest, which, rate = 0.0, -1, 0.0
-    # the sums of one wall, whose floes are listed one after the other
+    # the sums of one wall, whose floes are listed consecutively
     of_wall, rate_of_wall = 0.0, 0.0
     for q in range(walls.floe.size):
         k = walls.floe[q]
@@ -149,13 +149,13 @@ def add_stiffness(row, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
 
 @inner
 def largest_eigenvalue(row, floor):
-    """Of the symmetric matrix (xx, yy, ss; xy, xs, ys), by the trigonometric formula; at least `floor`."""
+    """Largest eigenvalue of the symmetric matrix (xx, yy, ss; xy, xs, ys), by the trigonometric formula; at least `floor`."""
     xx, yy, xy, xs, ys, ss = row.xx, row.yy, row.xy, row.xs, row.ys, row.ss
     mean = (xx + yy + ss) / 3.0
     a, b, c = xx - mean, yy - mean, ss - mean
     p2 = (a * a + b * b + c * c + 2.0 * (xy * xy + xs * xs + ys * ys)) / 6.0
     p = np.sqrt(p2)
-    if mean + 2.0 * p <= floor:  # of most floes no more need be known
+    if mean + 2.0 * p <= floor:  # this bound suffices for most floes
         return floor
     if p2 <= 0.0:
         return mean

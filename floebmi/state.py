@@ -1,7 +1,7 @@
-"""What a model is besides its floes: walls, what contacts remember, books, counters, the generator of random numbers.
+"""The state of a model besides its floes: walls, memory of contacts, ledger, counters, random-number generator.
 
-An advance starts from it and leaves it behind.  Whatever has to survive a restart, or to be put back after a step that
-failed, is in here or in the floes.
+An advance starts from it and updates it.  All that must survive a restart, or be restored after a failed step,
+is in here or in the floes.
 """
 
 import json
@@ -19,12 +19,12 @@ from floebmi.kept import Kept, Marks, marks
 from floebmi.listing import Memory
 from floebmi.pairs import MEMORIES, PairList
 
-_OF_FLOES = {"previous": 3, "remainder": 2}  # columns of what is kept per floe outside of `Floes`
+_OF_FLOES = {"previous": 3, "remainder": 2}  # columns of arrays per floe outside `Floes`
 
 
 @dataclass
 class Counters:
-    """What was done since the start: for reports, and to see where time goes."""
+    """Counts of the work done since the start, for reports and profiling."""
 
     steps: int = 0
     floe_steps: int = 0
@@ -35,26 +35,26 @@ class Counters:
     longest_step: float = 0.0
     last_step: float = 0.0
     tested: int = 0  # pairs tested to make the lists, and
-    listed: int = 0  # those of them that were listed; these two stay last: older restart files end without them
+    listed: int = 0  # those that were listed; keep these two last: older restart files lack them
 
 
 @dataclass
 class Seconds:
-    """Seconds on the clock that parts of the exchanges took in this process."""
+    """Wall-clock time of parts of the exchanges in this process [s]."""
 
     steps: float = 0.0
-    lists: float = 0.0  # of neighbours, and what sets the step
+    lists: float = 0.0  # of neighbours, and the limit on the step
 
 
 @dataclass
 class State:
-    """What an advance starts from and leaves behind, besides the floes.
+    """The state that an advance starts from and updates, besides the floes.
 
     walls : records of `dynamics.WALL`
-    memory : what pairs remember, in the slots of `kept` where a list is kept
-    previous : contact forces and torques of the last step (n, 3), for the paper's schemes alone; see `pack.pack`
-    remainder : what rounding took from places far from (0, 0), (n, 2) [m]; None near it
-    seconds : what steps and lists took so far
+    memory : memory of pairs, in the slots of `kept` where a list is kept
+    previous : contact forces and torques of the last step (n, 3), only for the paper's schemes; see `pack.pack`
+    remainder : rounding error of positions, (n, 2) [m]; None if the domain's origin is (0, 0)
+    seconds : wall-clock time of steps and lists so far
     drawn : in a copy, which shares the generator: the generator's state when it was copied
     """
 
@@ -71,7 +71,7 @@ class State:
     drawn: dict | None = None
 
     def copy(self) -> "State":
-        """The same, to go back to; what is never changed in place is shared."""
+        """A copy to go back to; what is never changed in place is shared."""
         rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
         return State(
             self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
@@ -80,7 +80,7 @@ class State:
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
-        """Become an earlier copy; whoever holds the walls, the ledger or the counters sees it."""
+        """Return to an earlier copy; walls, ledger and counters are updated in place."""
         self.walls[:] = earlier.walls
         self.memory, self.feeders = earlier.memory, earlier.feeders
         self.rng.bit_generator.state = earlier.drawn
@@ -90,7 +90,7 @@ class State:
         vars(self.counters).update(vars(earlier.counters))
 
     def fit(self, floes: int) -> None:
-        """Room for new floes in what is kept per floe outside of `Floes`: so many there are now."""
+        """Extend the arrays per floe outside `Floes` to the present number of floes."""
         for name in _OF_FLOES:
             rows = getattr(self, name)
             if rows is not None and len(rows) < floes:
@@ -98,13 +98,13 @@ class State:
                 setattr(self, name, np.vstack([rows, more]))
 
     def kept_for(self, floes: Floes) -> Kept | None:
-        """The list of the last exchange, as far as it holds for floes as they are now."""
+        """The list of the last exchange, as far as it is valid for the floes as they are now."""
         return None if self.kept is None else self.kept.of(floes)
 
     # ---- restart -----------------------------------------------------------------------------------
 
     def saved(self, floes: Floes) -> dict[str, object]:
-        """What a restart needs of it, by name: arrays and text that nobody will change.
+        """The part that a restart needs, by name: arrays and text that will not be changed.
 
         floes : as they are now
         """
@@ -126,7 +126,7 @@ class State:
         }
 
     def restore(self, saved: Mapping[str, Any]) -> Marks:
-        """Take up what `saved` gave, of a state of the same scene; returns what the list is to be made anew from."""
+        """Restore what `saved` gave, from a state of the same scene; returns the marks to rebuild the list from."""
         self.walls[:] = walls_of_state(self.walls, np.asarray(saved["walls"]))
         memory = {name: saved[f"pair_{name}"] for name in MEMORIES if f"pair_{name}" in saved}
         pairs = PairList(
@@ -143,7 +143,7 @@ class State:
         for feeder, waiting in zip(self.feeders, np.atleast_1d(saved["waiting"]), strict=True):
             feeder.waiting = None if np.isnan(waiting) else float(waiting)
         counters = self.counters
-        # what an older floebmi did not count goes on from 0
+        # counters that an older floebmi did not have start at 0
         counted = np.zeros(len(vars(counters)))
         counted[: np.size(saved["counters"])] = np.ravel(saved["counters"])
         for name, value in zip(vars(counters), counted, strict=True):

@@ -1,4 +1,4 @@
-"""How packed floes fare: speeds, energy, overlaps, and the contacts between them, looked at rather than stepped."""
+"""Diagnostics of packed floes: speeds, energy, overlaps, and the contacts between them."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from floebmi.pairs import least_of, recall, wrap
 
 
 class Contacts(NamedTuple):
-    """Pairs that push or hold each other now.
+    """Pairs that exert contact forces on each other now.
 
     i, j : floe numbers; x, y : contact point [m]; dx, dy : branch vector from the centre of i to that of j [m]
     fx, fy : force on i [N], the force on j is its opposite; overlap [m], negative for a stretched bond
@@ -35,7 +35,7 @@ class Contacts(NamedTuple):
 def touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs):
     """The pairs that touch, and a row for each: x, y, dx, dy, fx, fy, overlap, bonded, elastic energy.
 
-    near, pairs : the short list, as steps or a look at the forces leave it; the others cannot touch
+    near, pairs : the short list, as steps or `dynamics.touch_all` leave it; other pairs cannot touch
     """
     room = near.counts.sum()
     if law is None or room == 0:
@@ -83,7 +83,7 @@ def _touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs, touc
 
 @in_place
 def deepest(period_x, period_y, floes, near):
-    """The pair with the largest overlap over its smaller radius, and that share; of floes that move."""
+    """The pair with the largest overlap over its smaller radius, and that ratio, among pairs that forces can move."""
     which, deepest_share = -1, 0.0
     for part in range(near.counts.size):
         first = near.parts[part] + LANES * part
@@ -99,11 +99,11 @@ def deepest(period_x, period_y, floes, near):
 
 
 class Survey(NamedTuple):
-    """How packed floes fare.
+    """Diagnostics of packed floes.
 
-    finite : all places, velocities and angles are numbers; energy : kinetic, of what does not turn [J]
-    speed, spin : of the fastest [m/s] and of the one that turns fastest [rad/s]
-    pace, which : how fast the fastest for its radius is [radii per s], and its packed index
+    finite : all positions, velocities and angles are finite; energy : translational kinetic energy [J]
+    speed, spin : largest speed [m/s] and largest angular speed [rad/s]
+    pace, which : largest speed over radius [radii per s], and the packed index of that floe
     """
 
     finite: bool
@@ -121,7 +121,7 @@ def survey(packed):
     for k in range(p.floes.size):
         floe = p.floes[k]
         speed2, omega = floe.u * floe.u + floe.v * floe.v, omega_of(p.spinning, k)
-        # no isfinite: with fast mathematics x − x is 0 whatever x is
+        # not isfinite: under fast-math x − x is 0 whatever x is
         finite &= (speed2 < np.inf) & (abs(floe.x) < np.inf) & (abs(floe.y) < np.inf)
         finite &= abs(omega + recall(p.angle, k)) < np.inf
         energy += 0.5 * p.mass[k] * speed2
@@ -134,7 +134,7 @@ def survey(packed):
 
 @in_place
 def stock_of_each(of, radius, thickness, u, v, omega, density, stock):
-    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of some floes, (n,) bool; 0 of the others."""
+    """Fill rows with mass [kg], momentum x, y [N s] and kinetic energy [J] of floes in the mask `of`, (n,) bool; 0 elsewhere."""
     for k in range(of.size):
         m = density * np.pi * radius[k] * radius[k] * thickness[k]
         m = m if of[k] else 0.0
@@ -145,9 +145,9 @@ def stock_of_each(of, radius, thickness, u, v, omega, density, stock):
 
 @in_place
 def pressed(packed, walls):
-    """Of the contact forces: Σ|F|²/m [N²/kg], torques with J, and the power Σ F·u [W], of what is held, too.
+    """Sums over the contact forces: Σ|F|²/m [N²/kg], with torques over J, and the power Σ F·u [W].
 
-    What is held has an inverse mass of 0, but its share of the power, for what holds it does that work.
+    Held axes have an inverse mass of 0, but count in the power, since the constraint does that work.
     """
     p, press, power = packed, 0.0, 0.0
     for k in range(p.floes.size):
@@ -173,9 +173,9 @@ def _(spinning: None, p, press, power):
 
 @dispatched
 def add_walls(walls, press, power):
-    """The same of walls, where |F|² is the force of the ice times the net force (eq. kept-energy).
+    """Add the same sums for walls, where |F|² is the force of the ice times the net force (eq. kept-energy).
 
-    What the load does is work on the wall, not energy of the ice.
+    The load does work on the wall; it is not energy of the ice.
     """
     for w in range(walls.size):
         wall = walls[w]

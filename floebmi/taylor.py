@@ -1,6 +1,6 @@
-"""The paper's schemes, "taylor2" and "taylor3": forces at the old place and velocity, then one Taylor step.
+"""The paper's schemes, "taylor2" and "taylor3": forces at the old position and velocity, then one Taylor step.
 
-They are there to compare with; `dynamics.verlet` is the default scheme.
+They are for comparison; `dynamics.verlet` is the default scheme.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ from floebmi.forces import (
 from floebmi.kernels import BLOCK, dispatched, in_place, inner
 from floebmi.pairs import narrow, settle
 
-PAPERS_STEP = Step(scheme="taylor3", epsilon=0.07)  # how the paper stepped time
+PAPERS_STEP = Step(scheme="taylor3", epsilon=0.07)  # time stepping of the paper
 
 
 @in_place
@@ -34,15 +34,15 @@ def taylor(
     third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, reach,
     buffers,
 ):  # fmt: skip
-    """The paper's schemes: forces at the old place and velocity, then one Taylor step.
+    """The paper's schemes: forces at the old position and velocity, then one Taylor step.
 
     x += u Δt + ½ a Δt² (+ ⅙ (a − a_old) Δt²),  u += a Δt (+ ½ (a − a_old) Δt)   (eq. taylor)
 
-    a_old belongs to the contact forces; the other forces are explicit, their impulse is a Δt.  What a floe
-    gets for the change of a force, its partner gets too: another floe, a wall, or what holds a floe.
+    a_old is the contact acceleration alone; the other forces are explicit, with impulse a Δt.  The term for the
+    change of a force also acts, reversed, on the floe's partner: another floe, a wall, or a constraint.
     """
     p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
-    start, constraint = parts - parts, books.held[parts - 1]  # a zero, as in `dynamics.verlet`
+    start, constraint = parts - parts, books.held[parts - 1]  # zero, as in `dynamics.verlet`
     ahead = 0.5 if third_order else 0.0
     pair_buffer, _ = buffers
     done, way, since, skin = 0, 0.0, np.inf, lists.skin
@@ -92,7 +92,7 @@ def taylor(
 
 @inner
 def hold_taylor(p, k, ahead, dt, constraint):
-    """What holds an axis takes up the contact forces along it, and their change as free floes do."""
+    """Book the contact forces along held axes, and the term for their change, as taken up by the constraint."""
     floe, contact, previous = p.floes[k], p.force[k], p.previous[k]
     if p.inverse_x[k] == 0.0:
         impulse = dt * (contact.x + ahead * (contact.x - previous[0]))
@@ -126,7 +126,7 @@ def taylor_spin(spinning, third_order, forces, at, p, first, n, dt, constraint):
         each = torques(forces, at, first // BLOCK, k, omega)
         book_spin(each, at, first // BLOCK, k, omega, 0.0, inertia)
         alpha, _ = total_spin(each)
-        if p.held.size > 0 and p.inverse_spin[floe] == 0.0:  # what holds it takes up the torque
+        if p.held.size > 0 and p.inverse_spin[floe] == 0.0:  # the constraint takes up the torque
             constraint[2] -= inertia * alpha * omega
         other = alpha if p.inverse_spin[floe] > 0.0 else 0.0
         inverse, torque = p.inverse_spin[floe], p.force[floe].torque

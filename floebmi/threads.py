@@ -1,4 +1,4 @@
-"""Large packs on several threads, with the same bits for any number of them: each takes its chunks of tiles."""
+"""Large packs on several threads, each with its chunks of tiles; results are bitwise equal for any number of threads."""
 
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
@@ -28,14 +28,14 @@ from floebmi.meeting import meet
 from floebmi.pack import Packed
 from floebmi.pairs import narrow, settle
 
-LINE = 8  # numbers in a line of the cache: threads that write into one and the same would wait for each other
+LINE = 8  # numbers in a cache line: threads that write into the same line would wait for each other
 
 
 def verlet_in_threads(
     threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, way: float, dt: float, steps: int,
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
-    """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so that threads of Python will do."""
+    """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so Python threads suffice."""
     chunks = lists.tiles.chunks
     threads = min(threads, len(chunks) - 1)
     bounds = np.array([chunks[k * (len(chunks) - 1) // threads] for k in range(threads + 1)])
@@ -54,7 +54,7 @@ def verlet_in_threads(
                 first_kick, way, dt, steps, substeps, marked, travelled, reach, drag_every, *own,
             )  # fmt: skip
         except BaseException:
-            counter[0] = np.iinfo(np.int64).max // 2  # nobody need wait for this one any more
+            counter[0] = np.iinfo(np.int64).max // 2  # so that no other thread waits for this one
             raise
 
     with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
@@ -68,7 +68,7 @@ def verlet_in_threads(
 
 @in_place
 def _end(forces, at, packed, lists, walls, books, dt, done, steps, substeps, lag, buffer):
-    """What is left to do when all have taken their steps."""
+    """Finish the last step, once all threads are done."""
     seams = lists.tiles.coast.size
     settle(lists.near, 0, seams + 1)
     if done > 0:
@@ -84,11 +84,11 @@ def _share(
     thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, books, first_kick,
     way, dt, steps, substeps, marked, travelled, reach, drag_every, lag, buffers,
 ):  # fmt: skip
-    """What one thread does of the steps: its tiles; the first one also moves the walls and touches across seams.
+    """One thread's share of the steps: its tiles; the first thread also moves the walls and touches across seams.
 
-    Every thread counts for itself how far the steps are, from numbers that all of them read at the same time.
+    Each thread tracks the progress of the steps by itself, from numbers that all read at the same time.
 
-    bounds : tiles of each thread; counter : see `meet`; fastest : (threads, LINE), the largest speed² of each
+    bounds : tiles of each thread; counter : see `meet`; fastest : (threads, LINE), the largest speed² of each [m²/s²]
     """
     p, seams = packed, lists.tiles.coast.size
     done, kicks, since, skin, times = 0, (0.0, first_kick), 0.0, lists.skin, 0
@@ -102,7 +102,7 @@ def _share(
         anew = is_stale(since, way, skin)
         for turn in range(
             3
-        ):  # move, and touch at once unless the list is made anew; touch; touch across seams
+        ):  # move, and touch at once unless the list is rebuilt; touch; touch across seams
             if turn == 1 and not anew:
                 continue
             first, end = (bounds[thread], bounds[thread + 1]) if turn < 2 else (seams, seams + 1)

@@ -1,15 +1,15 @@
-"""THE table of variables: what goes in and out, under which names, in which units, with which sign.
+"""THE table of variables: inputs and outputs with their names, units and signs.
 
 BMI, NetCDF files, Landlab and the documentation read it, so that they cannot disagree.  `VARIABLES` are
 the fields on the grids that a host sees, `FLOE_VARIABLES` the properties of single floes (trajectory
 files, floe-level BMI arrays).  A new variable is a new row here.
 
-The sign rule, once for all: a stress by A on B is positive where it accelerates B along +x or +y.  The
+Sign convention: a stress by A on B is positive where it accelerates B along +x or +y.  The
 ocean's stress is by ice ON ocean; the air's is by air ON ice.  Both are per area of the whole cell,
 already weighted by concentration; only the rows whose name says so are per area of ice.
 
-In gridded.nc a field has its CF standard name, or the short one where CF has none of at most 40 letters; in floes.nc
-all have the short one.  `model.fields()` has short names, BMI and Landlab CSDMS names; `floebmi plot --variable` takes any.
+In gridded.nc a field has its CF standard name, or its short name where CF has none of at most 40 letters; in floes.nc
+all have short names.  `model.fields()` uses short names, BMI and Landlab CSDMS names; `floebmi plot --variable` accepts any.
 """
 
 from collections.abc import Iterator
@@ -31,17 +31,17 @@ class Variable(NamedTuple):
     Parameters
     ----------
     name : the key in `model.fields()`, or the attribute of `Floes`
-    csdms : CSDMS standard name, or one built by its grammar; BMI and Landlab use it
-    cf : CF standard name, None where CF has none that fits
+    csdms : CSDMS standard name, or one built by its grammar; used by BMI and Landlab
+    cf : CF standard name, None where none fits
     units : UDUNITS text
-    text : what it is, for labels and `long_name`
-    positive : the sign, in a sentence; empty where there is nothing to choose
-    grid : the grid it lives on; "floe" has one value per floe
+    text : description, for labels and `long_name`
+    positive : the sign, in a sentence; empty where there is no choice
+    grid : grid of the values; "floe" has one value per floe
     intent : "in": a host sets it; "out": computed; "restart": part of the floes' state
     dtype : NumPy name of the type
-    valid : when the value means something
-    home : for "in", where its array lives in the model: fluid.field; empty for what is computed
-    needs_ice : 0 in memory, missing in files, where there is no ice
+    valid : when the value is meaningful
+    home : for "in", its array in the model: fluid.field; empty for computed variables
+    needs_ice : where there is no ice, 0 in memory and missing in files
     mean : the CF `cell_methods` of its value in a file
     """
 
@@ -61,20 +61,20 @@ class Variable(NamedTuple):
 
     @property
     def file_name(self) -> str:
-        """Its name in a NetCDF file: the CF standard name if there is one of a bearable length."""
+        """Its name in a NetCDF file: the CF standard name if there is one of at most `LONGEST_NAME` letters."""
         if self.grid == "floe" or self.cf is None or len(self.cf) > LONGEST_NAME:
             return self.name
         return self.cf
 
     def array_in(self, model: "Model") -> "np.ndarray | None":
-        """The array of a model that holds an input, None where the model does not read it."""
+        """The array of a model that holds this input; None if the model does not read it."""
         name, _, field = self.home.partition(".")
         fluid = getattr(model, name)
         return None if fluid is None else fluid.fields.get(field)
 
 
 class Axis(NamedTuple):
-    """One of the two directions, as the names spell it."""
+    """One of the two directions, as spelled in names."""
 
     letter: str  # as in `wind_x`
     velocity: str  # as in `ocean.u`
@@ -89,7 +89,7 @@ _HOST = "once the host or a forcing sets it; {before} until then"
 _EXCHANGE = "after the first update, 0 before: mean over the last exchange interval"
 _ENDED = "after the first update, 0 before: as the last exchange ended, in the water that it read"
 _RUNNING = "from the start, where it is 0; never reset"
-# in a file: the mean since the last frame; of the ice alone, what open water gets is not in it
+# in a file: the mean since the last frame, over the ice alone, without the stress on open water
 _OVER_FRAMES = "area: mean where sea_ice over all_area_types time: mean"
 _OVER_EXCHANGE = "area: mean time: mean (over the last exchange interval)"
 _OVER_ICE = "area: mean where sea_ice time: mean (comment: over the area of ice at the end)"
@@ -97,7 +97,7 @@ _ICE_MEAN = "area: mean where sea_ice time: point"
 
 
 def _vectors(rows: list[Variable]) -> Iterator[Variable]:
-    """Each row once per direction; {a} stands for x or y, {u} for u or v."""
+    """The rows, once per direction each; {a} stands for x or y, {u} for u or v."""
     for row in rows:
         for a, u in AXES:
             filled = {
@@ -247,7 +247,7 @@ _STATE = (
     ),
 )
 
-# the stress per ice area, and that per cell area which is the same impulse
+# the stress per ice area, and the stress per cell area of the same impulse
 PER_ICE_AREA = {
     f"ocean_stress_per_ice_area_{axis.letter}": f"ocean_stress_{axis.letter}" for axis in AXES
 }
@@ -493,7 +493,7 @@ def find(name: str) -> Variable:
     Raises
     ------
     InputError
-        if there is none; it names near ones.
+        if there is none; the message names similar ones.
     """
     for row in VARIABLES:
         if is_word(name, (row.name, row.csdms, row.cf)):
@@ -507,7 +507,7 @@ def inputs() -> tuple[Variable, ...]:
 
 
 def outputs() -> tuple[Variable, ...]:
-    """The gridded variables that the model computes: `model.fields()` has those of its laws."""
+    """The gridded variables that the model computes; `model.fields()` has those of the model's laws."""
     return tuple(row for row in VARIABLES if row.intent == "out")
 
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 def gradient_operators(grid: Grid) -> "tuple[sparse.csr_array, sparse.csr_array]":
     """Sparse matrices (size, size) that give ∂/∂x and ∂/∂y [1/m] at the cells; 0 on dry and lone cells."""
-    from scipy import sparse  # takes a while, and floes that do not turn need none
+    from scipy import sparse  # slow to import, and not needed for floes that do not rotate
 
-    corner = grid.face_nodes.astype(np.int32)  # half the bytes, of which a product reads millions
+    corner = grid.face_nodes.astype(np.int32)  # half the memory traffic of int64
     cell = np.repeat(np.arange(grid.size, dtype=np.int32), corner.shape[1])[corner.ravel() >= 0]
     node = corner.ravel()[corner.ravel() >= 0]
     touches = sparse.csr_array(
@@ -45,14 +45,14 @@ def gradient_operators(grid: Grid) -> "tuple[sparse.csr_array, sparse.csr_array]
         away = sparse.csr_array((weights, (one, other)), shape=(grid.size, grid.size))
         operator = (away - sparse.diags_array(total(weights), dtype=np.float64)).tocsr()
         values = np.abs(operator.data)
-        operator.data[values < 1e-13 * values.max(initial=0.0)] = 0.0  # only round-off is so small
+        operator.data[values < 1e-13 * values.max(initial=0.0)] = 0.0  # round-off
         operator.eliminate_zeros()  # so that dry cells are not read
         operators.append(operator)
     return operators[0], operators[1]
 
 
 def _uniform(grid: Grid) -> np.ndarray:
-    """Cells of a uniform grid whose eight neighbours are there and wet, (size,) bool."""
+    """Cells of a uniform grid whose eight neighbours all exist and are wet, (size,) bool."""
     inner = np.zeros(grid.shape, bool)
     if grid.kind == "uniform_rectilinear":
         wet = np.pad(grid.wet.reshape(grid.shape), 1)
@@ -65,7 +65,7 @@ def _uniform(grid: Grid) -> np.ndarray:
 
 @in_place
 def _differences(runs, nx, ax, bx, ay, by, u, v, out):
-    """Curl where the fit is symmetric: weights a of the cells beside, b of those across a corner."""
+    """Curl where the fit is symmetric: weights a of the cells across an edge, b of those across a corner."""
     one = np.uintp(1)
     for run in range(runs.shape[0]):
         for cell in range(runs[run, 0], runs[run, 1]):
@@ -93,7 +93,7 @@ def _rows(cells, along_x, along_y, u, v, out):
 class Vorticity:
     """Curl of a velocity on a grid; the operators are made once.
 
-    Within a uniform grid all rows of an operator are the same few numbers, and are not read from memory.
+    Inside a uniform grid all rows of an operator have the same few numbers, which are not read from memory.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -101,7 +101,7 @@ class Vorticity:
         inner = _uniform(grid)
         self.rest = np.flatnonzero(~inner)
         ends = np.flatnonzero(np.diff(inner.astype(np.int8), prepend=0, append=0))
-        self.runs = ends.reshape(-1, 2)  # of cells in a row, from and to
+        self.runs = ends.reshape(-1, 2)  # of consecutive cells: first, and one past the last
         self.along_x, self.along_y = (
             (rows.indptr, rows.indices, rows.data)
             for rows in (along_x[self.rest], along_y[self.rest])
