@@ -413,7 +413,7 @@ class Model:
         if energy.relative > RESIDUAL_ALLOWED and abs(energy.residual) > little:
             raise StabilityError(
                 f"energy residual of {energy.residual:.3g} J at t = {time:g} s with steps of up to "
-                f"{longest:.3g} s: {energy.relative:.2g} of all that passed, at most {RESIDUAL_ALLOWED:g} is "
+                f"{longest:.3g} s: {energy.relative:.2g} of the largest energy in the ledger, at most {RESIDUAL_ALLOWED:g} is "
                 f"allowed; a step of {0.5 * longest:.2g} s may hold"
             )
 

@@ -246,7 +246,7 @@ def test_a_run_prints_what_is_modelled_the_ledgers_and_the_files_it_wrote(cli, t
     assert result.exit_code == 0, result.output
     for said in (
         "Two floes collide", "Coulomb(coefficient=0.3", "absent: bonds", "floe-steps/s",
-        "residual", "renewals of the pair list", "motion in a step",
+        "residual", "neighbour-list rebuilds", "motion in a step",
     ):  # fmt: skip
         assert said in result.stdout
     names = ["floes.nc", "restart.nc", "two-floes.png"]
