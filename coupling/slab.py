@@ -41,6 +41,7 @@ from typing import final
 
 import numpy as np
 from bmipy import Bmi
+from pydantic import Field
 
 from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.errors import InputError, choose, is_word
@@ -96,7 +97,7 @@ class TimeTable(Table):
 class Settings(Table):
     """Contents of a configuration file."""
 
-    grid: GridTable
+    grid: GridTable = Field(description="extent and spacing of the grid")
     ocean: OceanTable = OceanTable()
     time: TimeTable = TimeTable()
 
