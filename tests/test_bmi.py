@@ -206,23 +206,24 @@ each = [{x = 2000.0, y = 2000.0, radius = 500.0, u = 0.2}, {x = 6000.0, y = 2000
 [tilt]
 [coriolis]
 parameter = 1e-4
+field = true
 [time]
 exchange = 600.0
 """
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
     runs = {}
-    for name, line in {"north": "1e-4", "south": "-2e-4", "field": "1e-4\nfield = true"}.items():
-        path = tmp_path / f"{name}.toml"
-        path.write_text(text.replace("parameter = 1e-4", f"parameter = {line}"))
+    for name, parameter in {"north": 1e-4, "south": -2e-4, "both": [1e-4, -2e-4]}.items():
         component = FloeBmi()
         component.initialize(str(path))
-        if name == "field":
-            assert component.get_input_var_names() == FloeBmi().get_input_var_names()
-            assert (value(component, "earth__coriolis_frequency") == 1e-4).all()
-            component.set_value("earth__coriolis_frequency", np.array([1e-4, -2e-4]))
+        assert component.get_input_var_names() == FloeBmi().get_input_var_names()
+        assert (value(component, "earth__coriolis_frequency") == 1e-4).all()
+        component.set_value("earth__coriolis_frequency", np.full(2, parameter))
         component.update()
         runs[name] = component.model.floes
-    np.testing.assert_allclose(runs["field"].v, [runs["north"].v[0], runs["south"].v[1]], rtol=1e-3)
-    assert runs["field"].v[0] < 0 < runs["field"].v[1]
+    alone = [runs["north"].v[0], runs["south"].v[1]]
+    np.testing.assert_allclose(runs["both"].v, alone, rtol=1e-4)  # with steps of other lengths
+    assert runs["both"].v[0] < 0 < runs["both"].v[1]
 
 
 def test_a_bmi_table_changes_the_scene_and_how_it_is_seen(scene: Path, tmp_path: Path) -> None:
