@@ -20,7 +20,7 @@ import numpy as np
 from coupling.ledger import Exchange
 from floebmi.errors import InputError, StabilityError
 from floebmi.model import Model
-from floebmi.output import load_restart, save_restart
+from floebmi.restarts import load_restart, save_restart
 
 
 @final

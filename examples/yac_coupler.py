@@ -34,9 +34,9 @@ import numpy as np
 
 from coupling.ledger import HEADER, Exchange
 from floebmi import FloeBmi, Grid
-from floebmi.output import load_restart, save_restart
 from floebmi.plot import graph
 from floebmi.projection import to_lonlat
+from floebmi.restarts import load_restart, save_restart
 
 PLANE = "+proj=laea +lat_0=79 +lon_0=0"
 START, STEP, STEPS = datetime.datetime(2020, 2, 1), 1800, 8

@@ -20,10 +20,10 @@ from floebmi.columns import PAIR_BUFFER
 from floebmi.contact import Contact, own, prepare
 from floebmi.dynamics import (
     NEARLY,
-    Books,
     Laws,
     Marked,
     Step,
+    Tally,
     Walls,
     strayed,
     touch_all,
@@ -72,7 +72,7 @@ class Advance:
     near : whether the short lists are of the present positions
     before : `survey.Survey` of the floes now, at the start of the next steps
     at : table of each force, during a run
-    held, lost, liveliest : sums of `dynamics.Books` so far, and the highest kinetic energy [J]
+    held, lost, liveliest : sums of `dynamics.Tally` so far, and the highest kinetic energy [J]
     lag : of the other forces behind the floes, see `dynamics.time_to_push`
     """
 
@@ -256,13 +256,13 @@ class Advance:
         """Compute the forces and short lists at the present positions; no time passes, so nothing is booked."""
         if len(self.pairs.i) or len(self.state.walls):  # else nothing can touch
             touch_all(
-                self._laws(), self.packed, self.lists, self.walls, self._books(), self.buffers
+                self._laws(), self.packed, self.lists, self.walls, self._tally(), self.buffers
             )
         self.near = True  # the short list is of the present positions
 
-    def _books(self) -> Books:
+    def _tally(self) -> Tally:
         parts = len(self.lists.tiles.parts) - 1
-        return Books(np.zeros((parts, 3)), np.zeros((parts, 5)))
+        return Tally(np.zeros((parts, 3)), np.zeros((parts, 5)))
 
     def finish(self) -> None:
         """Copy everything back into the floes and the state, and book the gains and losses of the ice."""
@@ -440,8 +440,8 @@ class Advance:
 
     def _kernel(self, dt: float, steps: int) -> int:
         """Take up to `steps` steps, until the list may be stale; returns the number taken."""
-        books = self._books()
-        scene = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, books
+        tally = self._tally()
+        scene = self._laws(), self.forces, self.at, self.packed, self.lists, self.walls, tally
         room = self.travelled, self._reach()
         if self.step.scheme != "verlet":
             done = taylor(self.step.scheme == "taylor3", *scene, dt, steps, *room, self.buffers)
@@ -454,8 +454,8 @@ class Advance:
                 done = verlet(*scene, *rest, self.buffers)
             else:
                 done = verlet_in_threads(self.threads, *scene, *rest)
-        self.held += books.held.sum(axis=0)
-        self.lost += books.lost.sum(axis=0)
+        self.held += tally.held.sum(axis=0)
+        self.lost += tally.lost.sum(axis=0)
         self.near = False
         return done
 

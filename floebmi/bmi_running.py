@@ -262,7 +262,7 @@ class Running:
 
     def save(self, path: str | Path, means: dict[str, np.ndarray]) -> None:
         """Save all that `load` needs; `means` as for `show`."""
-        from floebmi.output import save_restart
+        from floebmi.restarts import save_restart
 
         state = {
             "model": self.model.state(),
@@ -275,7 +275,7 @@ class Running:
     def load(self, path: str | Path) -> None:
         """Restore a state that `save` wrote; InputError for any other file, which changes nothing."""
         from floebmi.clock import refuse_other_start
-        from floebmi.output import load_restart
+        from floebmi.restarts import load_restart
 
         state, told = load_restart(path)
         if set(state) != {"model", "mean", "driven_by_scene"}:

@@ -120,7 +120,7 @@ def run(
     from floebmi.clock import refuse_other_start
     from floebmi.explain import notes
     from floebmi.files import alone_in
-    from floebmi.output import load_restart
+    from floebmi.restarts import load_restart
     from floebmi.running import run as run_model
     from floebmi.scene import read_scene
 

@@ -152,7 +152,7 @@ class Marked(NamedTuple):
     still: bool
 
 
-class Books(NamedTuple):
+class Tally(NamedTuple):
     """Gains and losses: one row per tile, and a last one for seams and walls, so that threads share no row.
 
     held : momentum along x and y [N s] and energy [J] given to floes by their constraints: coast and prescribed motion.
@@ -172,7 +172,7 @@ def kick(p, first, n, dt, constraint):
     """Accelerate floes first to first + n − 1 by their contact forces for a time dt [s].
 
     An axis with prescribed motion is held: its inverse mass is 0, its velocity stays, and the impulse and work of the
-    force along it are booked in `constraint`, a row of `Books.held`.
+    force along it are booked in `constraint`, a row of `Tally.held`.
     """
     if p.held.size > 0:
         hold_kick(p, first, n, dt, 1.0, constraint)
@@ -591,7 +591,7 @@ def time_left_to_push(lag, reached):
 
 
 @inner
-def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer, blows):
+def touch(laws, packed, lists, walls, tile, dt, inverse, tally, buffer, blows):
     """Add the forces of the pairs of a tile; the last part, of pairs across seams, also does the walls.
 
     dt, inverse : see `pairs.touch_floes`.  Returns the number of blows.
@@ -599,11 +599,11 @@ def touch(laws, packed, lists, walls, tile, dt, inverse, books, buffer, blows):
     p = packed
     noted = touch_floes(
         laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-        p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse, books.held[tile],
-        books.lost[tile], buffer, blows,
+        p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse, tally.held[tile],
+        tally.lost[tile], buffer, blows,
     )  # fmt: skip
     if tile == lists.near.counts.size - 1:
-        touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, books.held[tile], books.lost[tile])  # fmt: skip
+        touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, tally.held[tile], tally.lost[tile])  # fmt: skip
     return noted
 
 
@@ -613,7 +613,7 @@ def inverse_of(p):
 
 
 @in_place
-def touch_all(laws, packed, lists, walls, books, buffers):
+def touch_all(laws, packed, lists, walls, tally, buffers):
     """Compute the forces at the present positions and the short list, as after a step."""
     p, near, last = packed, lists.near, lists.near.counts.size
     first = last - last  # as in `verlet`
@@ -621,13 +621,13 @@ def touch_all(laws, packed, lists, walls, books, buffers):
     forget(p.spinning, p.force)
     narrow(laws.period_x, laws.period_y, p.floes, near, first, last, lists.gap, lists.skin)
     for tile in range(last):
-        touch(laws, p, lists, walls, tile, 0.0, inverse, books, buffers[0], lists.blows[0])
+        touch(laws, p, lists, walls, tile, 0.0, inverse, tally, buffers[0], lists.blows[0])
     settle(near, first, last)
 
 
 @inlined
 def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, kicks, dt, pushed, substeps,
-          books, buffers):  # fmt: skip
+          tally, buffers):  # fmt: skip
     """Move the floes of tiles first to last − 1 and touch their pairs, tile by tile; returns the largest speed² [m²/s²].
 
     moves, touches : whether to move floes, and whether to touch pairs
@@ -642,27 +642,27 @@ def sweep(laws, forces, at, packed, lists, walls, first, last, moves, touches, k
         if moves and tile < seams and tile < last:
             begin, coast, end = tiles.bounds[tile], tiles.coast[tile], tiles.bounds[tile + 1]
             speed2 = move(
-                forces, at, p, begin, coast, kicks, dt, pushed, substeps, books.held[tile],
+                forces, at, p, begin, coast, kicks, dt, pushed, substeps, tally.held[tile],
                 floe_buffer,
             )  # fmt: skip
-            lean(p.force, coast, end, kicks[0] + kicks[1], 0.0, books.held[tile])
+            lean(p.force, coast, end, kicks[0] + kicks[1], 0.0, tally.held[tile])
             fastest = max(fastest, speed2)
         before, noted = noted, 0
         if touches and tile < last:
             noted = touch(
-                laws, p, lists, walls, tile, dt, inverse, books, pair_buffer, blows[tile % 2]
+                laws, p, lists, walls, tile, dt, inverse, tally, pair_buffer, blows[tile % 2]
             )
         if tile > first:  # blows of the previous tile: the forces of this one are known now
             strike_floes(
                 laws.contact, lists.pairs.slip, inverse, p.floes, p.spinning, blows[(tile - 1) % 2],
-                before, dt, p.force, books.held[tile - 1], books.lost[tile - 1],
+                before, dt, p.force, tally.held[tile - 1], tally.lost[tile - 1],
             )  # fmt: skip
     return fastest
 
 
 @in_place
 def verlet(
-    laws, forces, at, packed, lists, walls, books, first_kick, way, dt, steps, substeps, marked,
+    laws, forces, at, packed, lists, walls, tally, first_kick, way, dt, steps, substeps, marked,
     travelled, reach, drag_every, lag, buffers,
 ):  # fmt: skip
     """Take up to `steps` steps of dt; stop early when displacements near `reach` [m]. Returns the number of steps done.
@@ -700,7 +700,7 @@ def verlet(
                        skin + 2.0 * way)  # fmt: skip
             speed2 = sweep(
                 laws, forces, at, p, lists, walls, first, last, half == 0, half == 1 or not anew,
-                kicks, dt, pushed, substeps, books, (*buffers, lists.blows),
+                kicks, dt, pushed, substeps, tally, (*buffers, lists.blows),
             )  # fmt: skip
             fastest = max(fastest, speed2)
             way = dt * np.sqrt(fastest)
@@ -711,7 +711,7 @@ def verlet(
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
             forces, at, p, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
-            books.held[last - 1], buffers[1],
+            tally.held[last - 1], buffers[1],
         )  # fmt: skip
     return done
 

@@ -18,7 +18,7 @@ def entries_of(state: Mapping[str, Any]) -> dict[str, Entry]:
     Raises
     ------
     InputError
-        for a key that cannot be part of a path, or a value that is not one of those `output.save_restart` takes.
+        for a key that cannot be part of a path, or a value that is not one of those `restarts.save_restart` takes.
     """
     return {path: _packed(path, value) for path, value in _flatten(state, ())}
 

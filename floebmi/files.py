@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import platformdirs
 
 from floebmi import __version__
@@ -31,6 +32,16 @@ def attributes_of(title: str) -> dict[str, str]:
         "source": source,
         "history": f"{now}: written by {source}",
     }
+
+
+def check_attribute(name: object, value: object) -> None:
+    """InputError for an attribute that a NetCDF file cannot have."""
+    kinds = str | int | float | np.integer | np.floating
+    fits = isinstance(value, kinds) and not isinstance(value, bool)
+    if isinstance(value, int):
+        fits &= -(2**63) <= value < 2**63
+    if not (isinstance(name, str) and fits):
+        raise InputError(f"attribute {name!r} = {in_line(value)}: must be a text or a number")
 
 
 def contents(path: Path) -> str:

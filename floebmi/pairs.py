@@ -38,7 +38,7 @@ from floebmi.contact import blow, coefficient, lever_arm, pair_force, strength
 from floebmi.kernels import BLOCK, as_records, dispatched, in_place, inner
 
 MEMORIES = "slip", "bonded", "bent", "failed", "slid", "damped"
-# Columns of `Books.lost`: the energy that each took [J], and the number of bonds broken.
+# Columns of `Tally.lost`: the energy that each took [J], and the number of bonds broken.
 FRICTION, DASHPOTS, BONDS, FAILURE, BROKEN = range(5)
 
 BLOW = np.dtype(  # of a pair whose contact opened or closed, see `contact.blow`
@@ -240,7 +240,7 @@ def touch_floes(
 
     dt : time over which contacts have slipped [s]
     inverse : an `Inverse`; None: contacts that opened or closed note no blows
-    lost : a row of `Books.lost`
+    lost : a row of `Tally.lost`
     Returns the number of blows.
     """
     begin = near.parts[part] + LANES * part

@@ -198,7 +198,7 @@ def run(
     from floebmi.clock import text_of
     from floebmi.files import check_target
     from floebmi.model import Model
-    from floebmi.output import save_restart
+    from floebmi.restarts import save_restart
     from floebmi.timing import shares_of_a_step
 
     if not isinstance(model, Model):
@@ -367,7 +367,7 @@ def _save(
     path: str | Path, state: Mapping[str, Any], attributes: Any, error: BaseException
 ) -> None:
     """Save the last valid state, and add a note about it to the error that ended the run."""
-    from floebmi.output import save_restart
+    from floebmi.restarts import save_restart
 
     try:
         save_restart(path, state, attributes)

@@ -31,7 +31,7 @@ PAPERS_STEP = Step(scheme="taylor3", epsilon=0.07)  # time stepping of the paper
 
 @in_place
 def taylor(
-    third_order, laws, forces, at, packed, lists, walls, books, dt, steps, travelled, reach,
+    third_order, laws, forces, at, packed, lists, walls, tally, dt, steps, travelled, reach,
     buffers,
 ):  # fmt: skip
     """The paper's schemes: forces at the old position and velocity, then one Taylor step.
@@ -42,7 +42,7 @@ def taylor(
     change of a force also acts, reversed, on the floe's partner: another floe, a wall, or a constraint.
     """
     p, near, tiles, parts = packed, lists.near, lists.tiles, lists.near.counts.size
-    start, constraint = parts - parts, books.held[parts - 1]  # zero, as in `dynamics.verlet`
+    start, constraint = parts - parts, tally.held[parts - 1]  # zero, as in `dynamics.verlet`
     ahead = 0.5 if third_order else 0.0
     pair_buffer, _ = buffers
     done, way, since, skin = 0, 0.0, np.inf, lists.skin
@@ -54,7 +54,7 @@ def taylor(
                    skin + 2.0 * way)  # fmt: skip
             since = 0.0
         for tile in range(parts):
-            touch(laws, p, lists, walls, tile, dt, None, books, pair_buffer, lists.blows[0])
+            touch(laws, p, lists, walls, tile, dt, None, tally, pair_buffer, lists.blows[0])
         for q in range(p.held.size):
             hold_taylor(p, p.held[q], ahead, dt, constraint)
         for tile in range(tiles.coast.size):

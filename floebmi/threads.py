@@ -8,10 +8,10 @@ import numpy as np
 from floebmi.columns import PAIR_BUFFER
 from floebmi.dynamics import (
     NEARLY,
-    Books,
     Laws,
     Lists,
     Marked,
+    Tally,
     Walls,
     end_steps,
     is_stale,
@@ -32,7 +32,7 @@ LINE = 8  # numbers in a cache line: threads that write into the same line would
 
 
 def verlet_in_threads(
-    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, books: Books, first_kick: float, way: float, dt: float, steps: int,
+    threads: int, laws: Laws, forces: tuple, at: tuple, packed: Packed, lists: Lists, walls: Walls, tally: Tally, first_kick: float, way: float, dt: float, steps: int,
     substeps: np.ndarray, marked: Marked, travelled: float, reach: float, drag_every: int, lag: np.ndarray,
 ) -> int:  # fmt: skip
     """`dynamics.verlet`, chunk by chunk, in the same order; kernels release the GIL, so Python threads suffice."""
@@ -50,7 +50,7 @@ def verlet_in_threads(
         )
         try:
             return _share(
-                thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, books,
+                thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, tally,
                 first_kick, way, dt, steps, substeps, marked, travelled, reach, drag_every, *own,
             )  # fmt: skip
         except BaseException:
@@ -62,12 +62,12 @@ def verlet_in_threads(
         done = share(0)
         for other in others:
             other.result()
-    _end(forces, at, packed, lists, walls, books, dt, done, steps, substeps, lag, buffers[1])
+    _end(forces, at, packed, lists, walls, tally, dt, done, steps, substeps, lag, buffers[1])
     return done
 
 
 @in_place
-def _end(forces, at, packed, lists, walls, books, dt, done, steps, substeps, lag, buffer):
+def _end(forces, at, packed, lists, walls, tally, dt, done, steps, substeps, lag, buffer):
     """Finish the last step, once all threads are done."""
     seams = lists.tiles.coast.size
     settle(lists.near, 0, seams + 1)
@@ -75,13 +75,13 @@ def _end(forces, at, packed, lists, walls, books, dt, done, steps, substeps, lag
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
             forces, at, packed, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
-            books.held[seams], buffer,
+            tally.held[seams], buffer,
         )  # fmt: skip
 
 
 @in_place
 def _share(
-    thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, books, first_kick,
+    thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, tally, first_kick,
     way, dt, steps, substeps, marked, travelled, reach, drag_every, lag, buffers,
 ):  # fmt: skip
     """One thread's share of the steps: its tiles; the first thread also moves the walls and touches across seams.
@@ -114,7 +114,7 @@ def _share(
                            skin + 2.0 * way)  # fmt: skip
                 speed2 = sweep(
                     laws, forces, at, p, lists, walls, first, end, turn == 0, turn > 0 or not anew,
-                    kicks, dt, pushed, substeps, books, buffers,
+                    kicks, dt, pushed, substeps, tally, buffers,
                 )  # fmt: skip
                 if turn == 0:
                     of_walls = move_walls(walls.walls, kicks, dt) if thread == 0 else 0.0

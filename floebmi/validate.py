@@ -38,8 +38,9 @@ from floebmi.floes import FIXED, FIXED_ROTATION, FIXED_X, Floes
 from floebmi.forces import AirDrag, Coriolis, OceanDrag
 from floebmi.grid import Grid
 from floebmi.model import Model
-from floebmi.output import load_restart, open_file, save_restart
+from floebmi.output import open_file
 from floebmi.packing import regular, relax, scatter
+from floebmi.restarts import load_restart, save_restart
 from floebmi.running import run
 from floebmi.sizes import PowerLaw, UniformSize
 from floebmi.taylor import PAPERS_STEP

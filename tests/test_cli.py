@@ -26,7 +26,7 @@ from floebmi import (
 )
 from floebmi.cli import floebmi
 from floebmi.explain import notes
-from floebmi.output import load_restart
+from floebmi.restarts import load_restart
 from floebmi.scene import Scene
 from floebmi.scenes import packaged
 

@@ -28,7 +28,8 @@ from floebmi import (
     run,
 )
 from floebmi.forcing import VelocityFile
-from floebmi.output import GriddedWriter, TrajectoryWriter, load_restart, save_restart
+from floebmi.output import GriddedWriter, TrajectoryWriter
+from floebmi.restarts import load_restart, save_restart
 
 BOX = Domain((0.0, 1000.0), (0.0, 1000.0))
 PATIENT = 300.0  # seconds: a run may have to compile first

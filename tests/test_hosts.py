@@ -18,7 +18,7 @@ from coupling.veros import SeaIce, surface_cells
 from floebmi import Domain, Floes, Grid, Model
 from floebmi.errors import InputError
 from floebmi.forces import AirDrag, CoriolisField, OceanDrag, Tilt
-from floebmi.output import load_restart
+from floebmi.restarts import load_restart
 
 
 def test_a_line_of_the_books_is_of_its_exchange_and_goes_on_from_a_file(tmp_path):

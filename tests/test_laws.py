@@ -29,7 +29,7 @@ from floebmi.explain import explain
 from floebmi.floes import FIXED, Floes
 from floebmi.geometry import lens
 from floebmi.model import Model
-from floebmi.output import load_restart, save_restart
+from floebmi.restarts import load_restart, save_restart
 from floebmi.scene import read_scene
 from floebmi.sizes import SingleSize
 

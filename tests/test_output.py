@@ -22,10 +22,9 @@ from floebmi.output import (
     TrajectoryWriter,
     _contact_sums,
     _global_attributes,
-    load_restart,
     open_file,
-    save_restart,
 )
+from floebmi.restarts import load_restart, save_restart
 from floebmi.variables import FLOE_VARIABLES, VARIABLES, find
 
 POLAR = "EPSG:3413"

@@ -13,7 +13,7 @@ from coupling.driver import couple
 from coupling.regrid import Regrid, checksum
 from coupling.slab import TwoSlabOcean
 from coupling.vectors import Staggered, turn
-from floebmi import ensemble, output, paraview, plot, sizes, tradeoff
+from floebmi import ensemble, output, paraview, plot, restarts, sizes, tradeoff
 from floebmi.bmi_buffers import numbers_of
 from floebmi.coast import from_geojson, from_land_fraction, from_polygons
 from floebmi.errors import InputError
@@ -190,8 +190,8 @@ PATHS = {
     "run trajectories": lambda path: fb.run(a_model(), 1.0, trajectories=path),
     "run restart": lambda path: fb.run(a_model(), 1.0, restart=path),
     "GriddedWriter": lambda path: output.GriddedWriter(path, a_model()),
-    "save_restart": lambda path: output.save_restart(path, {}),
-    "load_restart": output.load_restart,
+    "save_restart": lambda path: restarts.save_restart(path, {}),
+    "load_restart": restarts.load_restart,
     "frame": plot.frame,
     "page": lambda path: plot.page("floes.nc", path),
     "export": lambda path: paraview.export("floes.nc", path),
@@ -275,8 +275,11 @@ def scalar(**other):
         (lambda: output.GriddedWriter("a.nc", a_model(), names=5), "names = 5: must be a list"),
         (lambda: output.GriddedWriter("a.nc", a_model(), names="thickness"), "must be a list"),
         (lambda: output.TrajectoryWriter("a.nc", a_model(), changing=None), "must be a list"),
-        (lambda: output.save_restart("a.nc", [1]), "state = .*: must be a dict"),
-        (lambda: output.save_restart("a.nc", {}, "words"), "attributes = 'words': must be a dict"),
+        (lambda: restarts.save_restart("a.nc", [1]), "state = .*: must be a dict"),
+        (
+            lambda: restarts.save_restart("a.nc", {}, "words"),
+            "attributes = 'words': must be a dict",
+        ),
         (
             lambda: couple(None, None, every=1.0, until=1.0, host_units=[1]),
             "host_units = .*: must be a dict",
@@ -332,8 +335,8 @@ def scalar(**other):
         (lambda: plot.animate("floes.nc", to="a.gif", progress=1), "progress = 1: must be a fun"),
         (lambda: plot.field("ice.nc", np.ones(3)), "variable .*: unknown"),
         (lambda: output.GriddedWriter("a.nc", a_model(), names=[[1], [2, 3]]), "no such field"),
-        (lambda: output.save_restart("a.nc", {"a": [[1], [2, 3]]}), "a: cannot be saved"),
-        (lambda: output.save_restart("a.nc", {}, {"a": None}), "'a' = None: must be a text or a"),
+        (lambda: restarts.save_restart("a.nc", {"a": [[1], [2, 3]]}), "a: cannot be saved"),
+        (lambda: restarts.save_restart("a.nc", {}, {"a": None}), "'a' = None: must be a text or a"),
         (
             lambda: fb.run(a_model(), 1.0, gridded="a.nc", attributes={"a": True}),
             "'a' = True: must",

@@ -26,7 +26,7 @@ from floebmi import (
     run,
     running,
 )
-from floebmi.output import load_restart
+from floebmi.restarts import load_restart
 from floebmi.running import Report, WallTime, duration_text
 from floebmi.state import Counters
 from floebmi.validate import hexagonal_pack

@@ -28,7 +28,7 @@ from floebmi import (
     frictional,
     scatter,
 )
-from floebmi.output import load_restart, save_restart
+from floebmi.restarts import load_restart, save_restart
 
 
 def some(kinds):
