@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from floebmi.boundaries import Domain
     from floebmi.grid import Grid
     from floebmi.model import Model
-    from floebmi.scene import Built, FluidTable, Scene, Schedule
+    from floebmi.scene import Built, Scene, Schedule
+    from floebmi.scene_physics import FluidTable
 
 # Floe-steps per second of packaged scenes, exchanges and output included, on one core like those of
 # docs/benchmarks.md; until it is measured here

@@ -2,13 +2,13 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from floebmi.boundaries import Domain
-from floebmi.clock import Calendar, date_of
+from floebmi.clock import date_of
 from floebmi.errors import InputError
 from floebmi.floes import (
     DRIVEN,
@@ -19,7 +19,6 @@ from floebmi.floes import (
     Floes,
     without_small,
 )
-from floebmi.grid import Grid
 from floebmi.quantities import Count, Fraction, NonNegative, Positive, PositiveFraction
 from floebmi.scene_keys import (
     FILE_PROJECTION,
@@ -31,6 +30,7 @@ from floebmi.scene_keys import (
     Pair,
     Position,
     ScenePath,
+    Sea,
 )
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import Table, law_of, one_of
@@ -41,23 +41,6 @@ if TYPE_CHECKING:
 Axis = Literal["x", "y", "rotation"]
 Motion = Literal["free", "fixed", "driven"] | list[Axis]
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
-
-
-class Sea(NamedTuple):
-    """What the groups of floes need from the rest of the scene.
-
-    domain, grid, land : grid and land are None where the scene has none
-    folder : folder of the scene file, to which paths are relative
-    projection, start, calendar : those of the scene, for reading files; None where it has none
-    """
-
-    domain: Domain
-    grid: Grid | None
-    land: "Coast | None"
-    folder: Path
-    projection: str | None
-    start: str | None
-    calendar: Calendar | None
 
 
 # ---- sizes --------------------------------------------------------------------------------------

@@ -1,10 +1,35 @@
-"""Types and descriptions that several tables of a scene share: pairs, paths, and how a gridded file is read."""
+"""What several tables of a scene share: the sea that they are built in, pairs, paths, and how a gridded file is read."""
 
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator
 
+from floebmi.boundaries import Domain
+from floebmi.clock import Calendar
 from floebmi.errors import InputError
+from floebmi.grid import Grid
+
+if TYPE_CHECKING:
+    from floebmi.coast import Coast
+
+
+class Sea(NamedTuple):
+    """What a table needs from the rest of the scene to build its own part.
+
+    domain, grid, land : grid and land are None where the scene has none, or none yet
+    folder : folder of the scene file, to which paths are relative
+    projection, start, calendar : those of the scene, for reading files; None where it has none
+    """
+
+    domain: Domain
+    grid: Grid | None
+    land: "Coast | None"
+    folder: Path
+    projection: str | None
+    start: str | None
+    calendar: Calendar | None
+
 
 Pair = tuple[float, float]
 

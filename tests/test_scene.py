@@ -16,7 +16,7 @@ from floebmi.floes import DRIVEN, FIXED
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
 from floebmi.packing import IceNotPlaced, scatter
 from floebmi.scene import Scene, copy_scene
-from floebmi.scene_floes import Sea
+from floebmi.scene_keys import Sea
 from floebmi.scenes import packaged
 from floebmi.sizes import UniformSize
 from floebmi.tables import keys
