@@ -673,22 +673,23 @@ def validate(cases: tuple[str, ...], long: bool, target: Path | None, force: boo
 
     Runs all cases, or each CASE named, and prints what was measured, the pass mark and its source.
     """
-    from floebmi import validate as extremes
+    from floebmi.measures import save, table
+    from floebmi.validate import find
 
-    chosen = extremes.find(cases)
+    chosen = find(cases)
     if target is not None:
         target = _target(target, target, force)
     results = {}
     with _progress("cases") as show:
         for k, case in enumerate(chosen):
             show(k, len(chosen))
-            results[case.name] = case.run(long)
+            results[case] = case.run(long)
         show(len(chosen), len(chosen))
-    click.echo(extremes.table(results))
+    click.echo(table(results))
     if target is not None:
-        extremes.save(results, target)
+        save(results, target)
         click.echo(f"wrote {target}")
-    failed = [name for name, measures in results.items() if not all(m.passed for m in measures)]
+    failed = [c.name for c, measures in results.items() if not all(m.passed for m in measures)]
     if failed:
         fail(f"{len(failed)} of {len(results)} cases miss their mark: {', '.join(failed)}", 1)
 
