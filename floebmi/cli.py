@@ -217,7 +217,7 @@ def _as_accurate(
     """
     from floebmi.scene import read_scene
     from floebmi.tables import parse_override
-    from floebmi.tradeoff import chosen, result, setting_text
+    from floebmi.tradeoff_result import chosen, result, setting_text
 
     alone = result(read) is None
     measured = read_scene(scene) if alone else read
@@ -349,29 +349,30 @@ def tradeoff(
     Every setting runs with the same seeds and is compared with a fine reference. An asterisk marks settings that no other beats in
     both cost and error. Finished runs are kept beside the file and not run again.
     """
-    from floebmi import plot as draw, tradeoff as trade
+    from floebmi import plot as draw, tradeoff_result as results
     from floebmi.files import check_target
     from floebmi.scene import read_scene
+    from floebmi.tradeoff import tradeoff as measure
 
     if target is None:
-        target = Path(f"{read_scene(scene, overrides).name}{trade.SUFFIX}")
+        target = Path(f"{read_scene(scene, overrides).name}{results.SUFFIX}")
     if target.parent.is_dir():
         check_target(target.with_suffix(".png"), overwrite=True)
-    made = trade.tradeoff(
+    made = measure(
         scene, overrides, error=error, of=of, seeds=seeds, duration=duration, budget=budget, to=target,
         jobs=jobs, progress=not quiet,
     )  # fmt: skip
     picture = made.path.with_suffix(".png")
-    draw.save(trade.figure(made.data, made.data.attrs["title"]), picture)
+    draw.save(results.figure(made.data), picture)
     if not quiet:
-        of, best = made.data.attrs["of"], trade.recommended(made.data, error)
-        click.echo(f"{made.why}\n{trade.table(made.data)}")
+        of, best = made.data.attrs["of"], results.recommended(made.data, error)
+        click.echo(f"{made.why}\n{results.table(made.data)}")
         if best is None:
             click.echo(f"no setting has an error of {of} below {error:g}")
         else:
             click.echo(
                 f"for an error of {of} below {error:g}, or that the seeds cannot tell: "
-                f"{trade.setting_text(made.data, best)}"
+                f"{results.setting_text(made.data, best)}"
             )
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:
@@ -534,11 +535,10 @@ def plot(
     from floebmi import plot as draw
 
     if _is_tradeoff(file):
-        from floebmi import tradeoff as trade
+        from floebmi.tradeoff_result import figure, read
 
         target = _target(target, file.with_suffix(".png"), force)
-        data = trade.read(file)
-        draw.save(trade.figure(data, data.attrs["title"]), target)
+        draw.save(figure(read(file)), target)
         click.echo(f"wrote {target}")
         return
     files = _outputs(file)

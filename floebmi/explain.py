@@ -106,9 +106,9 @@ def _left_out(grid: "Grid", domain: "Domain") -> float:
 
 def _dials(scene: "Scene") -> list[tuple[str, str]]:
     """What each setting would change, if that is stored beside the scene."""
-    from floebmi import tradeoff
+    from floebmi.tradeoff_result import AS_IT_IS, result
 
-    data = tradeoff.result(scene)
+    data = result(scene)
     if data is None:
         return []
     of, base = data.attrs["of"], float(data.cost_per_day.sel(setting=""))
@@ -116,7 +116,7 @@ def _dials(scene: "Scene") -> list[tuple[str, str]]:
     order = data.setting.values[np.argsort(data.cost_per_day.values)]
     return [
         (
-            str(s) or tradeoff.AS_IT_IS,
+            str(s) or AS_IT_IS,
             f"{base / float(data.cost_per_day.sel(setting=s)):.3g} × the speed, "
             f"error of {of} {float(errors.sel(setting=s)):.2g}",
         )
