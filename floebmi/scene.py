@@ -45,7 +45,7 @@ from floebmi.scene_physics import (
     TiltTable,
     contact_of,
 )
-from floebmi.scenes import packaged
+from floebmi.scenes import file_of, packaged
 from floebmi.tables import (
     Table,
     apply_override,
@@ -506,9 +506,7 @@ def copy_scene(name: str, to: Path, force: bool = False) -> list[Path]:
     InputError
         if a file with other contents would be replaced.
     """
-    if name not in packaged():
-        raise InputError(f"{name}: no packaged scene; {choose(name, packaged())}")
-    source = packaged()[name]
+    source = file_of(name)
     target = to / source.name if to.is_dir() else to
     if target.suffix != source.suffix:
         raise InputError(f"--to {target}: must end in {source.suffix}, or be a folder")
