@@ -12,7 +12,7 @@ from floebmi.grid import Grid
 from floebmi.projection import check_projection
 from floebmi.quantities import Count, Positive, unmasked
 from floebmi.scene_floes import SizeTable, sizes_of
-from floebmi.scene_keys import FILE_PROJECTION, POSITION, SELECT, Pair, Position, ScenePath, Sea
+from floebmi.scene_keys import FileProjection, Pair, Position, ScenePath, Sea, Select
 from floebmi.tables import Table, law_of, one_of, table_of
 
 if TYPE_CHECKING:
@@ -166,12 +166,12 @@ class CoastTable(Table):
     variable: str | None = Field(
         None, description="variable to read; default: found by its standard name"
     )
-    select: dict[str, int] | None = Field(None, description=SELECT)
+    select: Select = None
     outside: Literal["error", "land", "water"] = Field(
         "error", description="what a cell outside the file counts as"
     )
-    position: Position = Field("auto", description=POSITION)
-    file_projection: str | None = Field(None, description=FILE_PROJECTION)
+    position: Position = "auto"
+    file_projection: FileProjection = None
     geojson: ScenePath | None = Field(
         None, description="GeoJSON file with land polygons, instead of file"
     )

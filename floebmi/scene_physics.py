@@ -24,16 +24,14 @@ from floebmi.forces import DRAG_PRESETS, AirDrag, Coriolis, CoriolisField, Force
 from floebmi.quantities import NonNegative, Positive, PositiveFraction
 from floebmi.scene_domain import GridTable
 from floebmi.scene_keys import (
-    FILE_PROJECTION,
-    FILL_LAND,
-    MASK,
-    POSITION,
-    SELECT,
+    FileProjection,
     FillLand,
+    Mask,
     Pair,
     Position,
     ScenePath,
     Sea,
+    Select,
 )
 from floebmi.tables import Table, keyed, law_of, one_of, table_of, word_or
 
@@ -114,14 +112,14 @@ class FluidTable(Table):
         None,
         description="depth (for wind: height) [m]; the level nearest to it is read; default: the surface, 10 m for wind",
     )
-    select: dict[str, int] | None = Field(None, description=SELECT)
+    select: Select = None
     units: str | None = Field(
         None, description="units of the velocity, if the file states none or wrong ones"
     )
-    mask: str = Field("auto", description=MASK)
-    fill_land: FillLand = Field("error", description=FILL_LAND)
-    position: Position = Field("auto", description=POSITION)
-    file_projection: str | None = Field(None, description=FILE_PROJECTION)
+    mask: Mask = "auto"
+    fill_land: FillLand = "error"
+    position: Position = "auto"
+    file_projection: FileProjection = None
     beyond_span: BeyondSpan = Field(
         "error",
         description="what to do before the first and after the last record",

@@ -185,8 +185,8 @@ def _default(table: Any, name: str) -> tuple[str, str]:
     else:
         value = table._field_defaults.get(name, ...)
         text = parameter_texts(table).get(name, "")
-    hint = _hints(table)[name]
-    words = get_args(hint) if get_origin(hint) is Literal else ()
+    (_, hint), *others = _members(_hints(table)[name])
+    words = get_args(hint) if get_origin(hint) is Literal and not others else ()
     if len(words) > 1:
         text = f"{text} ({', '.join(words)})".strip()
     text = text or summary(table)
