@@ -135,7 +135,7 @@ def run(
     points = points_of(sweep)
     files = _files(folder, points, seeds)
     _claim(folder, member, parameters)
-    done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
+    done = Ensemble(dict(parameters), sweep, seeds, {}, [])
     done.members.update({key: _load(path) for key, path in files.items() if path.exists()})
     left = [key for key in files if key not in done.members]
 

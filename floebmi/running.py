@@ -231,7 +231,7 @@ def run(
         stack.enter_context(alone(model, "run"))
         interrupts = stack.enter_context(_gentle_interrupt())
         writers = _writers(stack, model, gridded, trajectories, how)
-        meter = stack.enter_context(_Meter(model, total, progress))
+        shown = stack.enter_context(_Meter(model, total, progress))
         if claim:
             with clock.of("output"):
                 save_restart(restart, state, of_state, overwrite=False)
@@ -252,7 +252,7 @@ def run(
                         if restart is not None and time.monotonic() - saved_at >= SAVED_EVERY:
                             save_restart(restart, state, of_state)
                             saved_at = time.monotonic()
-                meter.update(model)
+                shown.update(model)
                 if interrupts:
                     break
         except BaseException as error:

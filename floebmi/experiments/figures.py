@@ -233,10 +233,8 @@ def _band(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.
     if len(x) < 3:
         return np.full(at.shape, np.nan), np.full(at.shape, np.nan)
     fit = linregress(x, y)
-    rest = y - fit.intercept - fit.slope * x
-    s = np.sqrt((rest**2).sum() / (len(x) - 2))
-    spread = np.sqrt(1 / len(x) + (at - x.mean()) ** 2 / ((x - x.mean()) ** 2).sum())
-    return fit.intercept + fit.slope * at, t.ppf(0.975, len(x) - 2) * s * spread
+    error = fit.stderr * np.sqrt(x.var() + (at - x.mean()) ** 2)  # least at the mean of x
+    return fit.intercept + fit.slope * at, t.ppf(0.975, len(x) - 2) * error
 
 
 def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
