@@ -273,15 +273,8 @@ def tradeoff(
         raise InputError(f"seeds = {seeds!r}: must be at least 1")
     if budget is not None and not 0 < budget < np.inf:
         raise InputError(f"budget = {budget!r} minutes: must be greater than 0")
-    if to.suffix != ".nc":
-        raise InputError(f"--to {to}: must end in .nc")
-    check_new_folder(to.parent)
-    if to.parent.is_dir():
-        check_target(to, overwrite=True)
     members = to.with_name(f"{to.name}.members")
-    check_new_folder(members)
-    if to.exists():
-        read(to)  # replaced by a newer result is a result, and nothing else
+    _check_places(to, members)
     built, schedule = scene.build(), scene.schedule(duration)
     if schedule.duration < schedule.every:
         raise InputError(
@@ -334,17 +327,29 @@ def tradeoff(
     return Measured(data, to, why, done.failures)
 
 
+def _check_places(to: Path, members: Path) -> None:
+    """InputError for a file that cannot be written, or is there and no result, and for a folder that cannot be made."""
+    if to.suffix != ".nc":
+        raise InputError(f"--to {to}: must end in .nc")
+    check_new_folder(to.parent)
+    if to.parent.is_dir():
+        check_target(to, overwrite=True)
+    check_new_folder(members)
+    if to.exists():
+        read(to)  # replaced by a newer result is a result, and nothing else
+
+
 def _affordable(
     schedule: Schedule, built: Built, budget: float, settings: int, seeds: int, jobs: int | None
 ) -> float:
     """The duration [s], in whole frames of the scene, for which all runs fit into `budget` minutes."""
-    model, begin = built.model, None
-    drive = Forcing(model, built.ocean, built.atmosphere)
-    for k in range(4):  # the first compiles
+    model, drive = built.model, Forcing(built.model, built.ocean, built.atmosphere)
+    ended = []
+    for _ in range(4):
         drive.fill(model.time)
         model.advance(schedule.exchange)
-        begin = time.perf_counter() if k == 0 else begin
-    each = (time.perf_counter() - begin) / 3
+        ended.append(time.perf_counter())
+    each = (ended[-1] - ended[0]) / 3  # the first compiled
     runs = seeds * (settings + 8)  # reference and preset take longer, combinations follow
     frame = each * schedule.every / schedule.exchange * runs / (jobs or ensemble.cores())
     frames = int(60.0 * budget / frame)
