@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from floebmi.forcing import VelocitySource
     from floebmi.model import Model
 
-_SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # suffix → whether it is YAML
+SUFFIXES = {".toml": False, ".yaml": True, ".yml": True}  # of scene files → whether it is YAML
 
 
 # ---- time and output --------------------------------------------------------------------------
@@ -437,7 +437,7 @@ def find_scene(scene: str | Path) -> Path:
     if not isinstance(scene, str | os.PathLike) or "\0" in str(scene):
         raise InputError(f"scene = {in_line(scene)}: must be the path of a file or a packaged name")
     path = Path(scene)
-    if path.is_file() or path.suffix in _SUFFIXES or len(path.parts) > 1:
+    if path.is_file() or path.suffix in SUFFIXES or len(path.parts) > 1:
         return path
     if str(scene) in packaged():
         return packaged()[str(scene)]
@@ -470,10 +470,10 @@ def read_scene(scene: str | Path, overrides: Sequence[str] = ()) -> Scene:
             f"overrides = {in_line(overrides)}: must be a list of texts, such as ['time.duration=3600']"
         )
     path = find_scene(scene)
-    if path.suffix not in _SUFFIXES:
-        raise InputError(f"{path}: must end in {', '.join(_SUFFIXES)}")
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: must end in {', '.join(SUFFIXES)}")
     text = read_text(path)
-    tables = parse(text, str(path), yaml=_SUFFIXES[path.suffix])
+    tables = parse(text, str(path), yaml=SUFFIXES[path.suffix])
     changes = tuple(parse_override(override) for override in overrides)
     _as_lists(tables)
     for change in changes:
