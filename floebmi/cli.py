@@ -556,6 +556,7 @@ def plot(
     if _is_tradeoff(file):
         from floebmi.tradeoff_result import figure, read
 
+        _refuse("a trade-off", "number", "color", "variable", "ledger", "arrows")
         target = _target(target, file.with_suffix(".png"), force)
         draw.save(figure(read(file)), target)
         click.echo(f"wrote {target}")

@@ -166,6 +166,18 @@ def test_a_packaged_result_is_drawn_anew(tmp_path):
     assert "exists already" in CliRunner().invoke(command, words).stderr
 
 
+@pytest.mark.parametrize(
+    "option", ["--ledger", "--time 0", "--variable speed", "--color speed", "--arrows ice"]
+)
+def test_what_a_result_does_not_show_is_refused(tmp_path, option):
+    result = str(tradeoff_result.stored(read_scene("two-floes")))
+    words = ["plot", result, "--to", str(tmp_path / "front.png"), *option.split()]
+    drawn = CliRunner().invoke(command, words, prog_name="floebmi")
+    assert drawn.exit_code == 2 and not list(tmp_path.iterdir())
+    told = f"floebmi: {option.split()[0]}: a trade-off does not show it; leave it out\n"
+    assert drawn.stderr == told
+
+
 @pytest.mark.parametrize("name", ["labrador-sea", "periodic-box", "strait"])
 def test_the_number_of_each_setting_can_be_read(name):
     data = tradeoff_result.read(tradeoff_result.stored(read_scene(name)))
