@@ -374,9 +374,10 @@ def _compare(
     base = runs.sel(setting=fine)
     nudged = runs.sel(setting=f"{fine} {NUDGED}")
     quantities = [q for q in COMPARED if np.abs(base[q]).max() > 0]
-    if not quantities:
+    moving = [q for q in usual if q in quantities]
+    if not moving and of not in quantities:
         raise InputError("tradeoff: nothing moves in this scene: there is nothing to compare")
-    of = of or next(q for q in usual if q in quantities)
+    of = of or moving[0]
     if of not in quantities:
         raise InputError(
             f"of = {of!r}: is zero in this scene; must be one of {', '.join(quantities)}"

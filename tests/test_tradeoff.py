@@ -287,6 +287,13 @@ def test_runs_with_no_number_in_the_same_cells_may_be_the_same(shift, same):
     assert "changes drift by" in why and ("the seed changes nothing" in why) == same
 
 
+def test_a_scene_in_which_nothing_moves_has_nothing_to_compare(tmp_path, few_dials):
+    path = tmp_path / "still.toml"
+    path.write_text(QUIET.replace(", u = 0.5", ""))
+    with pytest.raises(InputError, match="nothing moves in this scene"):
+        tradeoff.tradeoff(path, seeds=1, jobs=1, to=tmp_path / "t.nc")
+
+
 def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_reference():
     assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.05) == "middle"
     assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.3) == "fast"
