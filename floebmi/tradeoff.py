@@ -70,12 +70,16 @@ OUTPUTS = {
 
 
 class Measured(NamedTuple):
-    """The result: data set, file, whether the scene is chaotic and why, and the runs that failed."""
+    """The result: data set, file, and the runs that failed."""
 
     data: "xr.Dataset"
     path: Path
-    why: str
     failures: list[ensemble.Failure]
+
+    @property
+    def why(self) -> str:
+        """Whether the scene is chaotic, what shows it, and how settings were compared."""
+        return self.data.attrs["comparison"]
 
 
 # ---- the dials --------------------------------------------------------------------------------------
@@ -301,17 +305,17 @@ def tradeoff(
         "every": schedule.every,
     }
 
-    def measure() -> tuple[ensemble.Ensemble, "xr.Dataset", str]:
+    def measure() -> tuple[ensemble.Ensemble, "xr.Dataset"]:
         done = ensemble.run(
             member, shared, {"setting": tried}, range(1, 1 + seeds), members,
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
-        return done, *_compare(done, fine, error, of, usual)
+        return done, _compare(done, fine, error, of, usual)
 
-    done, data, why = measure()
+    done, data = measure()
     for text in _combined(dials, data, error):
         tried.append(text)
-        done, data, why = measure()
+        done, data = measure()
         if acceptable(data, error).sel(setting=text):
             break
     data.attrs |= {
@@ -320,11 +324,10 @@ def tradeoff(
         "scene_hash": shared["text"],
         "files": json.dumps(shared["files"]),
         "duration": schedule.duration,
-        "comparison": why,
         "overrides": json.dumps(overrides),
     }
     ensemble.save(data, to)
-    return Measured(data, to, why, done.failures)
+    return Measured(data, to, done.failures)
 
 
 def _check_places(to: Path, members: Path) -> None:
@@ -362,8 +365,8 @@ def _affordable(
 
 def _compare(
     done: ensemble.Ensemble, fine: str, error: float, of: str | None, usual: Sequence[str]
-) -> tuple["xr.Dataset", str]:
-    """Costs and errors of all settings, and a text on how they were compared."""
+) -> "xr.Dataset":
+    """Costs and errors of all settings; its attribute `comparison` tells how they were compared."""
     import xarray as xr
 
     lost = [one for one in done.failures if one.point["setting"] in (fine, f"{fine} {NUDGED}")]
@@ -414,8 +417,8 @@ def _compare(
     data["speed"] = (one.floe_steps / one.cost).median("seed")
     data["speed"].attrs = {"units": "s-1", "long_name": "floe-steps per second"}
     data["cost_per_day"].attrs = {"units": "s", "long_name": OUTPUTS["cost_per_day"].long_name}
-    data.attrs = {"reference": fine, "of": of, "seeds": n}
-    return data, why
+    data.attrs = {"reference": fine, "of": of, "seeds": n, "comparison": why}
+    return data
 
 
 def _same_for_all_seeds(field: "xr.DataArray") -> bool:
