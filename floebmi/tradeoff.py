@@ -103,8 +103,8 @@ def settings(scene: Scene, model: "Model", schedule: Schedule) -> dict[str, list
             dials["preset"] = ["preset=damsgaard2018"]
     if model.forces and step.scheme == "verlet":
         dials["drag"] = [f"step.drag_every={k}" for k in (4, 16)]
-    if len(scene.floes) == 1:
-        radius = model.floes.radius[model.floes.active & ~model.floes.land]
+    radius = model.floes.radius[model.floes.active & ~model.floes.land]
+    if len(scene.floes) == 1 and radius.size:
         cuts = [by * radius.min() for by in (1.5, 2, 4, 8) if 2 * by * radius.min() < radius.max()]
         dials["smallest floe"] = [f"floes.smallest={cut:.4g}" for cut in cuts]
     if model.ocean is not None or model.atmosphere is not None:

@@ -294,6 +294,12 @@ def test_a_scene_in_which_nothing_moves_has_nothing_to_compare(tmp_path, few_dia
         tradeoff.tradeoff(path, seeds=1, jobs=1, to=tmp_path / "t.nc")
 
 
+def test_a_scene_without_floes_at_its_start_has_no_smallest_to_leave_out(tmp_path):
+    scene = read_scene(scene_file(tmp_path, SCENE), ["floes.concentration=0"])
+    dials = tradeoff.settings(scene, scene.build().model, scene.schedule())
+    assert "stiffness" in dials and "smallest floe" not in dials
+
+
 def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_reference():
     assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.05) == "middle"
     assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.3) == "fast"
