@@ -1,6 +1,7 @@
 """The paper's experiments: what is set up, what counts as a jam, what the command leaves."""
 
 import importlib.util
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -388,6 +389,19 @@ def test_the_figure_of_jamming_shows_mass_shares_and_times(straits):
     np.testing.assert_allclose(bars[:, 1], one.jamming_timescale_bounds / HOUR)
     lower = straits.data.jamming_timescale_bounds.values[0, 0] / HOUR
     np.testing.assert_allclose(bound, [[0.0, lower]])
+
+
+def test_runs_that_are_too_short_to_tell_are_drawn_without_a_bound_and_without_a_warning(
+    straits, tmp_path
+):
+    data = straits.data.copy(deep=True)
+    data["jamming_timescale"][:], data["jamming_timescale_fit"][:] = np.inf, np.nan
+    data["jamming_timescale_bounds"].values[:] = (0.0, np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = figures._jamming({"cohesive": data}, figures.SWEEPS[7])
+        figure.savefig(tmp_path / "figure.png")
+    assert not figure.axes[2].lines
 
 
 def test_marks_of_both_models_have_the_colours_that_their_legend_has(straits):

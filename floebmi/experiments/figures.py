@@ -400,8 +400,9 @@ def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
     if some.any():
         bars = np.stack([T[some] - low[some], high[some] - T[some]])
         ax.errorbar(x[some], T[some], bars, fmt="o", color=colour, capsize=3, label="maximum likelihood, 95 %")  # fmt: skip
-    if (~some).any():
-        ax.plot(x[~some], low[~some], "^", color=colour, mfc="none", label="no run jammed: T above this, 95 %")  # fmt: skip
+    above = ~some & (low > 0)  # a bound of 0 tells nothing
+    if above.any():
+        ax.plot(x[above], low[above], "^", color=colour, mfc="none", label="no run jammed: T above this, 95 %")  # fmt: skip
     fitted = np.isfinite(fit) & (fit > 0)
     if fitted.any():
         error = one.jamming_timescale_fit_deviation.values[fitted] / HOUR
