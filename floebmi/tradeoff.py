@@ -349,7 +349,7 @@ def _affordable(
     model, drive = built.model, Forcing(built.model, built.ocean, built.atmosphere)
     ended = []
     for _ in range(4):
-        drive.fill(model.time)
+        drive.fill(min(model.time, schedule.duration))  # forcing may end with the run
         model.advance(schedule.exchange)
         ended.append(time.perf_counter())
     each = (ended[-1] - ended[0]) / 3  # the first compiled

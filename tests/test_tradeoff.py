@@ -294,6 +294,16 @@ def test_a_scene_in_which_nothing_moves_has_nothing_to_compare(tmp_path, few_dia
         tradeoff.tradeoff(path, seeds=1, jobs=1, to=tmp_path / "t.nc")
 
 
+def test_what_a_budget_allows_is_measured_with_forcing_of_the_run_alone(tmp_path):
+    """The records of a file may end where the run ends."""
+    scene = read_scene(scene_file(tmp_path, QUIET + "[ocean]\n"), ["time.exchange=15"])
+    times = []
+    water = SimpleNamespace(fill=lambda t, u, v: times.append(t))
+    schedule = scene.schedule(30.0)
+    length = tradeoff._affordable(schedule, scene.build()._replace(ocean=water), 1e6, 1, 1, 1)
+    assert length == 30.0 and times == [0.0, 15.0, 30.0, 30.0]
+
+
 def test_a_scene_without_floes_at_its_start_has_no_smallest_to_leave_out(tmp_path):
     scene = read_scene(scene_file(tmp_path, SCENE), ["floes.concentration=0"])
     dials = tradeoff.settings(scene, scene.build().model, scene.schedule())
