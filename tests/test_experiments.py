@@ -375,6 +375,15 @@ def test_the_figure_of_stresses_shows_the_members_their_line_and_its_band(shears
     np.testing.assert_allclose(profiles[0].get_xydata(), [[0.2, 0.25], [0.9, 0.75]])
 
 
+def test_stresses_that_are_too_few_for_a_line_are_drawn_with_the_name_of_their_model(shears):
+    few = shears.data.isel(normal_stress=[0, 1], seed=[0])
+    few = few.assign(bulk_friction=np.nan, bulk_cohesion=np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        left, _ = figures._stresses({"frictional": few}).axes
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["frictional"]
+
+
 def test_the_figure_of_jamming_shows_mass_shares_and_times(straits):
     sweep = figures.SWEEPS[7]
     mass, share, scale = figures._jamming({"cohesive": straits.data}, sweep).axes

@@ -196,7 +196,7 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
     for model, one in data.items():
         colour, n = COLOURS[model], one.normal_stress.values / KPA
         each = one.shear_stress.transpose("normal_stress", "seed").values
-        left.plot(n, each / KPA, "o", color=colour, ms=3.5, alpha=0.6, mew=0)
+        dots, *_ = left.plot(n, each / KPA, "o", color=colour, ms=3.5, alpha=0.6, mew=0)
         f, c = float(one.bulk_friction), float(one.bulk_cohesion) / KPA
         if np.isfinite(f):
             low, high = one.bulk_friction_bounds.values
@@ -207,6 +207,8 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
             left.plot(line, c + f * line, color=colour, label=label)
             middle, band = _band(np.repeat(n, each.shape[1]), each.ravel() / KPA, line)
             left.fill_between(line, middle - band, middle + band, color=colour, alpha=0.15, lw=0)
+        else:
+            dots.set_label(model)
         ratio = each / KPA / n[:, None]
         right.errorbar(
             n, np.nanmean(ratio, axis=1), np.nanstd(ratio, axis=1), fmt="o-", ms=4, color=colour,
