@@ -6,7 +6,7 @@ Commands import what they need only when called, so that help appears at once.
 import contextlib
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -129,15 +129,8 @@ def run(
         read = _as_accurate(read, scene, overrides, accuracy, quiet)
     schedule = read.schedule(duration)
     folder = Path(read.name) if folder is None else folder
-    gridded = folder / "gridded.nc" if _wants_gridded(read) else None
-    trajectories = folder / "floes.nc" if read.output.trajectories else None
-    picture = folder / f"{read.name}.png" if read.output.picture and trajectories else None
-    last_state = folder / "restart.nc"
-    paraview = folder / "paraview" if read.output.paraview else None
-    if paraview is not None and trajectories is None:
-        raise InputError(f"{read.file}: [output] paraview = true: needs trajectories = true")
-    targets = [path for path in (gridded, trajectories, picture, last_state) if path]
-    _refuse_to_overwrite(folder, targets, paraview, force)
+    targets = _targets(read, folder)
+    _refuse_to_overwrite(folder, targets, force)
     state, told = (None, {}) if restart is None else load_restart(restart)
 
     built = read.build()
@@ -156,7 +149,7 @@ def run(
     read.check_forcing(built, model.time, schedule.duration)
     folder.mkdir(parents=True, exist_ok=True)
     click.get_current_context().with_resource(alone_in(folder))
-    _refuse_to_overwrite(folder, targets, paraview, force)  # another may have ended meanwhile
+    _refuse_to_overwrite(folder, targets, force)  # another may have ended meanwhile
     if not quiet:
         click.echo(f"{read.name}: {read.title}\n{model!r}")
         for line in notes(model):
@@ -164,29 +157,20 @@ def run(
     report = run_model(
         model, left, built.ocean, built.atmosphere,
         exchange=schedule.exchange, every=schedule.every,
-        gridded=gridded, trajectories=trajectories, restart=last_state,
+        gridded=targets.gridded, trajectories=targets.trajectories, restart=targets.restart,
         attributes={"title": read.title or read.name, "scene": read.text},
         reference=built.start, calendar=built.calendar,
         projection=read.domain.projection, land=built.land,
         overwrite=force, progress=not quiet, profile=profile,
     )  # fmt: skip
-    files = list(report.files)
-    if picture is not None:
-        from floebmi.plot import frame
-
-        frame(trajectories, gridded, to=picture)
-        files.append(picture)
-    if paraview is not None:
-        from floebmi.paraview import export
-
-        files += [export(path, paraview) for path in (trajectories, gridded) if path is not None]
+    files = [*report.files, *_draw(targets)]
     if not quiet:
         click.echo(str(report))
         if profile:
             click.echo(report.profile())
         click.echo("\n".join(f"wrote {path}" for path in files))
     if not report.finished:
-        command = _going_on(scene, overrides, duration, accuracy, last_state)
+        command = _going_on(scene, overrides, duration, accuracy, targets.restart)
         say(f"floebmi: stopped at t = {report.end:g} s; go on with: {command}")
         sys.exit(130)
 
@@ -217,7 +201,7 @@ def _as_accurate(
     """
     from floebmi.scene import read_scene
     from floebmi.tables import parse_override
-    from floebmi.tradeoff import chosen, result, setting_text
+    from floebmi.tradeoff_result import chosen, result, setting_text
 
     alone = result(read) is None
     measured = read_scene(scene) if alone else read
@@ -235,15 +219,34 @@ def _as_accurate(
     return read_scene(scene, (*changes, *overrides) if alone else (*overrides, *changes))
 
 
-def _wants_gridded(scene: "Scene") -> bool:
-    if scene.output.gridded and scene.grid is None:
+class _Targets(NamedTuple):
+    """What a run writes: files, and a folder of ParaView files; None is not asked for."""
+
+    gridded: Path | None
+    trajectories: Path | None
+    picture: Path | None
+    restart: Path
+    paraview: Path | None
+
+
+def _targets(scene: "Scene", folder: Path) -> _Targets:
+    """What a run of a scene writes into a folder."""
+    output = scene.output
+    if output.gridded and scene.grid is None:
         raise InputError(f"{scene.file}: [output] gridded = true: needs a [grid]")
-    return scene.grid is not None if scene.output.gridded is None else scene.output.gridded
+    if output.paraview and not output.trajectories:
+        raise InputError(f"{scene.file}: [output] paraview = true: needs trajectories = true")
+    gridded = scene.grid is not None if output.gridded is None else output.gridded
+    return _Targets(
+        gridded=folder / "gridded.nc" if gridded else None,
+        trajectories=folder / "floes.nc" if output.trajectories else None,
+        picture=folder / f"{scene.name}.png" if output.picture and output.trajectories else None,
+        restart=folder / "restart.nc",
+        paraview=folder / "paraview" if output.paraview else None,
+    )
 
 
-def _refuse_to_overwrite(
-    folder: Path, targets: Sequence[Path], paraview: Path | None, force: bool
-) -> None:
+def _refuse_to_overwrite(folder: Path, targets: _Targets, force: bool) -> None:
     """Raise InputError, before the run, for an output folder or files that cannot be written."""
     from floebmi.files import check_new_folder, check_target
 
@@ -251,13 +254,31 @@ def _refuse_to_overwrite(
         check_new_folder(folder)
     if not folder.is_dir():
         return
-    for path in (*targets, *([paraview] if paraview else [])):
+    asked = [path for path in targets if path is not None]
+    for path in asked:
         if path.exists() and not force:
             raise InputError(f"{path}: exists already; give another folder with --to, or --force")
-    for path in targets:
-        check_target(path, overwrite=True)
-    if paraview is not None:
-        check_new_folder(paraview)
+    for path in asked:
+        if path == targets.paraview:
+            check_new_folder(path)
+        else:
+            check_target(path, overwrite=True)
+
+
+def _draw(targets: _Targets) -> list[Path]:
+    """Draw the picture and write the ParaView files of a run that has ended; returns what was made."""
+    files = []
+    if targets.picture is not None:
+        from floebmi.plot import frame
+
+        frame(targets.trajectories, targets.gridded, to=targets.picture)
+        files.append(targets.picture)
+    if targets.paraview is not None:
+        from floebmi.paraview import export
+
+        outputs = (targets.trajectories, targets.gridded)
+        files += [export(path, targets.paraview) for path in outputs if path is not None]
+    return files
 
 
 @contextlib.contextmanager
@@ -349,29 +370,30 @@ def tradeoff(
     Every setting runs with the same seeds and is compared with a fine reference. An asterisk marks settings that no other beats in
     both cost and error. Finished runs are kept beside the file and not run again.
     """
-    from floebmi import plot as draw, tradeoff as trade
+    from floebmi import plot as draw, tradeoff_result as results
     from floebmi.files import check_target
     from floebmi.scene import read_scene
+    from floebmi.tradeoff import tradeoff as measure
 
     if target is None:
-        target = Path(f"{read_scene(scene, overrides).name}{trade.SUFFIX}")
+        target = Path(f"{read_scene(scene, overrides).name}{results.SUFFIX}")
     if target.parent.is_dir():
         check_target(target.with_suffix(".png"), overwrite=True)
-    made = trade.tradeoff(
+    made = measure(
         scene, overrides, error=error, of=of, seeds=seeds, duration=duration, budget=budget, to=target,
         jobs=jobs, progress=not quiet,
     )  # fmt: skip
     picture = made.path.with_suffix(".png")
-    draw.save(trade.figure(made.data, made.data.attrs["title"]), picture)
+    draw.save(results.figure(made.data), picture)
     if not quiet:
-        of, best = made.data.attrs["of"], trade.recommended(made.data, error)
-        click.echo(f"{made.why}\n{trade.table(made.data)}")
+        of, best = made.data.attrs["of"], results.recommended(made.data, error)
+        click.echo(f"{made.why}\n{results.table(made.data)}")
         if best is None:
             click.echo(f"no setting has an error of {of} below {error:g}")
         else:
             click.echo(
                 f"for an error of {of} below {error:g}, or that the seeds cannot tell: "
-                f"{trade.setting_text(made.data, best)}"
+                f"{results.setting_text(made.data, best)}"
             )
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:
@@ -393,7 +415,7 @@ def scene(name: str | None, target: Path | None, force: bool, keys: bool) -> Non
 
     Without NAME, list them; with NAME, print that scene, or copy it with --to.
     """
-    from floebmi.scenes import packaged, titles
+    from floebmi.scenes import file_of, packaged, titles
 
     if keys:
         _print_keys()
@@ -405,10 +427,8 @@ def scene(name: str | None, target: Path | None, force: bool, keys: bool) -> Non
         click.echo(
             "\nfloebmi run NAME runs one; floebmi scene NAME --to FILE.toml copies it to edit."
         )
-    elif name not in packaged():
-        raise InputError(f"{name}: no packaged scene; {choose(name, packaged())}")
     elif target is None:
-        click.echo(packaged()[name].read_text(encoding="utf-8"), nl=False)
+        click.echo(file_of(name).read_text(encoding="utf-8"), nl=False)
     else:
         from floebmi.scene import copy_scene
 
@@ -534,11 +554,11 @@ def plot(
     from floebmi import plot as draw
 
     if _is_tradeoff(file):
-        from floebmi import tradeoff as trade
+        from floebmi.tradeoff_result import figure, read
 
+        _refuse("a trade-off", "number", "color", "variable", "ledger", "arrows")
         target = _target(target, file.with_suffix(".png"), force)
-        data = trade.read(file)
-        draw.save(trade.figure(data, data.attrs["title"]), target)
+        draw.save(figure(read(file)), target)
         click.echo(f"wrote {target}")
         return
     files = _outputs(file)
@@ -673,22 +693,23 @@ def validate(cases: tuple[str, ...], long: bool, target: Path | None, force: boo
 
     Runs all cases, or each CASE named, and prints what was measured, the pass mark and its source.
     """
-    from floebmi import validate as extremes
+    from floebmi.measures import save, table
+    from floebmi.validate import find
 
-    chosen = extremes.find(cases)
+    chosen = find(cases)
     if target is not None:
         target = _target(target, target, force)
     results = {}
     with _progress("cases") as show:
         for k, case in enumerate(chosen):
             show(k, len(chosen))
-            results[case.name] = case.run(long)
+            results[case] = case.run(long)
         show(len(chosen), len(chosen))
-    click.echo(extremes.table(results))
+    click.echo(table(results))
     if target is not None:
-        extremes.save(results, target)
+        save(results, target)
         click.echo(f"wrote {target}")
-    failed = [name for name, measures in results.items() if not all(m.passed for m in measures)]
+    failed = [c.name for c, measures in results.items() if not all(m.passed for m in measures)]
     if failed:
         fail(f"{len(failed)} of {len(results)} cases miss their mark: {', '.join(failed)}", 1)
 

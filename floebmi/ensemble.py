@@ -111,31 +111,14 @@ def run(
         file name, and for fewer than one job.
     """
     folder = path_of("folder", folder)
-    for name, table in (("parameters", parameters), ("sweep", sweep)):
-        if table is None:
-            raise InputError(f"{name} = None: must be a dict")
-        check_table(name, table)
-    for name, function in (("member", member), ("code", code)):
-        if not callable(function) and (name == "member" or function is not None):
-            raise InputError(f"{name} = {in_line(function)}: must be a function")
-    if not (on is None or isinstance(on, Executor) or hasattr(on, "get_executor")):
-        raise InputError(
-            f"on = {in_line(on)}: must be an executor, or a Client of dask.distributed"
-        )
-    if jobs is not None and not (isinstance(jobs, Integral) and jobs >= 1):
-        raise InputError(f"jobs = {jobs!r}: must be a whole number, at least 1")
+    _check(member, parameters, sweep, seeds, jobs, on, code)
     check_flag("progress", progress)
-    for name, values in {**sweep, "seeds": seeds}.items():
-        if name == "seed" or isinstance(values, str) or not np.iterable(values):
-            raise InputError(
-                f"{name} = {values!r}: must be several values, as (1, 2), under a name that is not seed"
-            )
     sweep = {name: tuple(values) for name, values in sweep.items()}
     seeds = tuple(seeds)
     points = points_of(sweep)
     files = _files(folder, points, seeds)
     _claim(folder, member, parameters)
-    done = Ensemble(dict(parameters), sweep, tuple(seeds), {}, [])
+    done = Ensemble(dict(parameters), sweep, seeds, {}, [])
     done.members.update({key: _load(path) for key, path in files.items() if path.exists()})
     left = [key for key in files if key not in done.members]
 
@@ -145,14 +128,8 @@ def run(
     with _bar(len(files), len(done.members), progress) as bar:
 
         def keep(key: Key, result: Mapping[str, np.ndarray] | Exception) -> None:
-            if not isinstance(result, Mapping | Exception):
-                result = InputError(
-                    f"it returned {type(result).__name__}, must be a dict of arrays"
-                )
             if isinstance(result, Exception):
-                text = " ".join(str(result).split()) or type(result).__name__
-                reason = text if type(result) is InputError else f"{type(result).__name__}: {text}"
-                failure = Failure(points[key[0]], seeds[key[1]], reason)
+                failure = Failure(points[key[0]], seeds[key[1]], _reason(result))
                 done.failures.append(failure)
                 bar.write(f"member failed: {failure}")
             else:
@@ -174,6 +151,28 @@ def run(
             )
             raise
     return done
+
+
+def _check(member, parameters, sweep, seeds, jobs, on, code) -> None:
+    """InputError for an argument that `run` cannot use."""
+    for name, table in (("parameters", parameters), ("sweep", sweep)):
+        if table is None:
+            raise InputError(f"{name} = None: must be a dict")
+        check_table(name, table)
+    for name, function in (("member", member), ("code", code)):
+        if not callable(function) and (name == "member" or function is not None):
+            raise InputError(f"{name} = {in_line(function)}: must be a function")
+    if not (on is None or isinstance(on, Executor) or hasattr(on, "get_executor")):
+        raise InputError(
+            f"on = {in_line(on)}: must be an executor, or a Client of dask.distributed"
+        )
+    if jobs is not None and not (isinstance(jobs, Integral) and jobs >= 1):
+        raise InputError(f"jobs = {jobs!r}: must be a whole number, at least 1")
+    for name, values in {**sweep, "seeds": seeds}.items():
+        if name == "seed" or isinstance(values, str) or not np.iterable(values):
+            raise InputError(
+                f"{name} = {values!r}: must be several values, as (1, 2), under a name that is not seed"
+            )
 
 
 def gather(
@@ -256,9 +255,9 @@ def save(data: "xr.Dataset", path: str | Path) -> None:
     if not isinstance(data, xr.Dataset):
         raise InputError(f"data = {in_line(data)}: must be what `gather` returns")
     data = data.assign_attrs(attributes_of("an ensemble of runs") | data.attrs)
-    # CF has no missing values in coordinates; xarray would declare one for each of floats
     path = path_of("path", path)
     check_target(path, overwrite=True)
+    # CF has no missing values in coordinates; xarray would declare one for each of floats
     encoding = {name: {"_FillValue": None} for name in data.coords}
     with in_one_go(path) as part:
         data.to_netcdf(part, engine="netcdf4", encoding=encoding)
@@ -389,11 +388,19 @@ def _attempt(
     """Run a member; returns its result or its exception, and the warnings of the worker."""
     try:
         result = member(parameters, seed)
+        if not isinstance(result, Mapping):
+            raise InputError(f"it returned {type(result).__name__}, must be a dict of arrays")
     except Exception as error:  # noqa: BLE001  whatever it is, the others go on
         result = error
     heard = _heard[:]
     _heard.clear()
     return result, heard
+
+
+def _reason(error: Exception) -> str:
+    """Why a member failed, in one line; only of wrong input the text alone says it."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if type(error) is InputError else f"{type(error).__name__}: {text}"
 
 
 def _in_waves(keys: Sequence[Key], code: Callable[[Key], object]) -> Iterator[list[Key]]:

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from floebmi.boundaries import Domain
     from floebmi.grid import Grid
     from floebmi.model import Model
-    from floebmi.scene import Built, FluidTable, Scene, Schedule
+    from floebmi.scene import Built, Scene, Schedule
+    from floebmi.scene_physics import FluidTable
 
 # Floe-steps per second of packaged scenes, exchanges and output included, on one core like those of
 # docs/benchmarks.md; until it is measured here
@@ -105,9 +106,9 @@ def _left_out(grid: "Grid", domain: "Domain") -> float:
 
 def _dials(scene: "Scene") -> list[tuple[str, str]]:
     """What each setting would change, if that is stored beside the scene."""
-    from floebmi import tradeoff
+    from floebmi.tradeoff_result import AS_IT_IS, result
 
-    data = tradeoff.result(scene)
+    data = result(scene)
     if data is None:
         return []
     of, base = data.attrs["of"], float(data.cost_per_day.sel(setting=""))
@@ -115,7 +116,7 @@ def _dials(scene: "Scene") -> list[tuple[str, str]]:
     order = data.setting.values[np.argsort(data.cost_per_day.values)]
     return [
         (
-            str(s) or tradeoff.AS_IT_IS,
+            str(s) or AS_IT_IS,
             f"{base / float(data.cost_per_day.sel(setting=s)):.3g} × the speed, "
             f"error of {of} {float(errors.sel(setting=s)):.2g}",
         )

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from floebmi.errors import InputError
 from floebmi.files import check_target
-from floebmi.scene import Scene, find_scene, read_scene
+from floebmi.scene import SUFFIXES, Scene, find_scene, read_scene
 from floebmi.tables import Table, parse, read_text, validate
 
 
@@ -46,8 +46,8 @@ def read_config(config_file: str) -> tuple[Scene, BmiTable]:
         one line with file, table, key and value.
     """
     path = find_scene(config_file)
-    text = read_text(path) if path.suffix in (".toml", ".yaml", ".yml") else ""
-    tables = parse(text, str(path), yaml=path.suffix != ".toml")
+    text = read_text(path) if path.suffix in SUFFIXES else ""
+    tables = parse(text, str(path), yaml=SUFFIXES.get(path.suffix, False))
     if "bmi" not in tables:
         return read_scene(config_file), BmiTable(scene=str(path))
     table = validate(BmiFile, tables, str(path)).bmi

@@ -216,9 +216,10 @@ def run(
     drive = Forcing(model, ocean, atmosphere)
     clock = _Stopwatch()
     files = _files_of({"gridded": gridded, "trajectories": trajectories, "restart": restart})
+    restart = files.get("restart")
     if restart is not None:
-        check_target(Path(restart), overwrite)
-    claim = restart is not None and not Path(restart).exists()
+        check_target(restart, overwrite)
+    claim = restart is not None and not restart.exists()
     state, saved_at = model.state(), time.monotonic()
     of_state = dict(attributes or {})
     if reference is not None:
@@ -230,8 +231,8 @@ def run(
     with contextlib.ExitStack() as stack:
         stack.enter_context(alone(model, "run"))
         interrupts = stack.enter_context(_gentle_interrupt())
-        writers = _writers(stack, model, gridded, trajectories, how)
-        meter = stack.enter_context(_Meter(model, total, progress))
+        writers = _writers(stack, model, files, how)
+        shown = stack.enter_context(_Meter(model, total, progress))
         if claim:
             with clock.of("output"):
                 save_restart(restart, state, of_state, overwrite=False)
@@ -252,14 +253,12 @@ def run(
                         if restart is not None and time.monotonic() - saved_at >= SAVED_EVERY:
                             save_restart(restart, state, of_state)
                             saved_at = time.monotonic()
-                meter.update(model)
+                shown.update(model)
                 if interrupts:
                     break
         except BaseException as error:
             # a run without progress does not replace the state of an earlier one
-            if restart is not None and (
-                state["time"] > start or claim or not Path(restart).exists()
-            ):
+            if restart is not None and (state["time"] > start or claim or not restart.exists()):
                 _save(restart, state, of_state, error)
             raise
     if restart is not None:
@@ -268,7 +267,7 @@ def run(
     wall = clock.wall_time()
     return Report(
         model.time == end, start, model.time, wall, model.counters.floe_steps - before,
-        dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files),
+        dataclasses.replace(model.counters), model.ledger.copy(), len(model.contacts().i), tuple(files.values()),
         shares_of_a_step(model) if profile else {},
     )  # fmt: skip
 
@@ -303,13 +302,14 @@ def _check_sources(
         check_forcing(source, getattr(model, name), start, end)
 
 
-def _files_of(named: Mapping[str, str | Path | None]) -> list[Path]:
+def _files_of(named: Mapping[str, str | Path | None]) -> dict[str, Path]:
     """The files given under these names; InputError for one that is given twice."""
     from floebmi.files import path_of
 
-    files = [path_of(name, path) for name, path in named.items() if path is not None]
-    for k, path in enumerate(files):
-        if path.resolve() in (other.resolve() for other in files[:k]):
+    files = {name: path_of(name, path) for name, path in named.items() if path is not None}
+    places = [path.resolve() for path in files.values()]
+    for k, path in enumerate(files.values()):
+        if places[k] in places[:k]:
             raise InputError(
                 f"run: {path}: is named twice; gridded, trajectories and restart must be files of their own"
             )
@@ -363,9 +363,7 @@ def _positive(name: str, value: float) -> float:
     return float(value)
 
 
-def _save(
-    path: str | Path, state: Mapping[str, Any], attributes: Any, error: BaseException
-) -> None:
+def _save(path: Path, state: Mapping[str, Any], attributes: Any, error: BaseException) -> None:
     """Save the last valid state, and add a note about it to the error that ended the run."""
     from floebmi.restarts import save_restart
 
@@ -395,19 +393,16 @@ class Forcing:
 
 
 def _writers(
-    stack: contextlib.ExitStack,
-    model: "Model",
-    gridded: str | Path | None,
-    trajectories: str | Path | None,
-    how: Mapping[str, Any],
+    stack: contextlib.ExitStack, model: "Model", files: Mapping[str, Path], how: Mapping[str, Any]
 ) -> "list[GriddedWriter | TrajectoryWriter]":
     """The writers of the files of a run, closed with the stack; how : see `output.GriddedWriter`."""
     from floebmi.output import GriddedWriter, TrajectoryWriter
 
+    kinds = {"gridded": GriddedWriter, "trajectories": TrajectoryWriter}
     return [
-        stack.enter_context(writer(path, model, **how))
-        for writer, path in ((GriddedWriter, gridded), (TrajectoryWriter, trajectories))
-        if path is not None
+        stack.enter_context(writer(files[name], model, **how))
+        for name, writer in kinds.items()
+        if name in files
     ]
 
 

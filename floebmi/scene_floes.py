@@ -2,13 +2,13 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from floebmi.boundaries import Domain
-from floebmi.clock import Calendar, date_of
+from floebmi.clock import date_of
 from floebmi.errors import InputError
 from floebmi.floes import (
     DRIVEN,
@@ -19,18 +19,16 @@ from floebmi.floes import (
     Floes,
     without_small,
 )
-from floebmi.grid import Grid
 from floebmi.quantities import Count, Fraction, NonNegative, Positive, PositiveFraction
 from floebmi.scene_keys import (
-    FILE_PROJECTION,
-    FILL_LAND,
-    MASK,
-    POSITION,
-    SELECT,
+    FileProjection,
     FillLand,
+    Mask,
     Pair,
     Position,
     ScenePath,
+    Sea,
+    Select,
 )
 from floebmi.sizes import Histogram, PowerLaw, SingleSize, UniformSize, from_file as sizes_from_file
 from floebmi.tables import Table, law_of, one_of
@@ -41,23 +39,6 @@ if TYPE_CHECKING:
 Axis = Literal["x", "y", "rotation"]
 Motion = Literal["free", "fixed", "driven"] | list[Axis]
 _AXIS_BITS = {"x": FIXED_X, "y": FIXED_Y, "rotation": FIXED_ROTATION}
-
-
-class Sea(NamedTuple):
-    """What the groups of floes need from the rest of the scene.
-
-    domain, grid, land : grid and land are None where the scene has none
-    folder : folder of the scene file, to which paths are relative
-    projection, start, calendar : those of the scene, for reading files; None where it has none
-    """
-
-    domain: Domain
-    grid: Grid | None
-    land: "Coast | None"
-    folder: Path
-    projection: str | None
-    start: str | None
-    calendar: Calendar | None
 
 
 # ---- sizes --------------------------------------------------------------------------------------
@@ -89,6 +70,10 @@ def sizes_of(table: Any, folder: Path) -> Any:
 
 
 # ---- arrangements -------------------------------------------------------------------------------
+
+WestEast = Annotated[Pair | None, Field(description="west and east bounds of the region [m]; default: the domain's")]  # fmt: skip
+SouthNorth = Annotated[Pair | None, Field(description="south and north bounds of the region [m]; default: the domain's")]  # fmt: skip
+OwnSeed = Annotated[int | None, Field(ge=0, description="seed of this group; default: derived from the scene's seed")]  # fmt: skip
 
 
 class Group(Table):
@@ -140,15 +125,9 @@ class Scatter(Group):
     )
     count: Count | None = Field(None, description="number of floes, instead of concentration")
     thickness: Positive = Field(1.0, description="thickness of the floes [m]")
-    x: Pair | None = Field(
-        None, description="west and east bounds of the region [m]; default: the domain's"
-    )
-    y: Pair | None = Field(
-        None, description="south and north bounds of the region [m]; default: the domain's"
-    )
-    seed: int | None = Field(
-        None, ge=0, description="seed of this group; default: derived from the scene's seed"
-    )
+    x: WestEast = None
+    y: SouthNorth = None
+    seed: OwnSeed = None
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:
         from floebmi import packing
@@ -177,12 +156,8 @@ class Regular(Group):
     )
     lattice: Literal["hexagonal", "square"] = Field("hexagonal", description="type of lattice")
     thickness: Positive = Field(1.0, description="thickness of the floes [m]")
-    x: Pair | None = Field(
-        None, description="west and east bounds of the region [m]; default: the domain's"
-    )
-    y: Pair | None = Field(
-        None, description="south and north bounds of the region [m]; default: the domain's"
-    )
+    x: WestEast = None
+    y: SouthNorth = None
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:
         from floebmi import packing
@@ -219,18 +194,16 @@ class FromField(Group):
         None,
         description="date of the ice; default: [time] start, or the file's first record without it",
     )
-    select: dict[str, int] | None = Field(None, description=SELECT)
-    mask: str = Field("auto", description=MASK)
-    fill_land: FillLand = Field("error", description=FILL_LAND)
+    select: Select = None
+    mask: Mask = "auto"
+    fill_land: FillLand = "error"
     outside: Literal["error", "open water"] = Field(
         "error", description="what a wet cell outside the file gets"
     )
-    position: Position = Field("auto", description=POSITION)
-    file_projection: str | None = Field(None, description=FILE_PROJECTION)
+    position: Position = "auto"
+    file_projection: FileProjection = None
     size: SizeTable = Field(description="floe size distribution (by number of floes)")
-    seed: int | None = Field(
-        None, ge=0, description="seed of this group; default: derived from the scene's seed"
-    )
+    seed: OwnSeed = None
 
     @model_validator(mode="after")
     def _one_thickness(self) -> Self:

@@ -185,8 +185,8 @@ def _default(table: Any, name: str) -> tuple[str, str]:
     else:
         value = table._field_defaults.get(name, ...)
         text = parameter_texts(table).get(name, "")
-    hint = _hints(table)[name]
-    words = get_args(hint) if get_origin(hint) is Literal else ()
+    (_, hint), *others = _members(_hints(table)[name])
+    words = get_args(hint) if get_origin(hint) is Literal and not others else ()
     if len(words) > 1:
         text = f"{text} ({', '.join(words)})".strip()
     text = text or summary(table)
@@ -547,27 +547,29 @@ def _message(declaration: Any, errors: list) -> str:
     return messages[0]
 
 
+def _missing(declaration: Any, loc: tuple) -> str:
+    """What would be right where an entry of a list, or a key that must be given, is missing."""
+    if isinstance(loc[-1], int):
+        # of a choice between types pydantic's location names the type, too
+        hints = _declared(declaration, loc[:-1]) or _declared(declaration, loc[:-2])
+        for member in (member for hint in hints for _, member in _members(hint)):
+            if get_origin(member) is tuple:
+                return f"must be a list of {len(get_args(member))} entries"
+        return "must be a table of keys"
+    for hint in _declared(declaration, loc[:-1]):
+        for _, member in _members(hint):
+            if loc[-1] in _hints(member):
+                return f"is missing: {_default(member, loc[-1])[1]}"
+    return "is missing: "
+
+
 def _message_of(declaration: Any, error: Any) -> str:
     kind, context, loc = error["type"], error.get("ctx", {}), error["loc"]
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         what = "table" if isinstance(error["input"], dict) else "key"
         return f"unknown {what}; {choose(loc[-1], _allowed_keys(declaration, loc[:-1]))}"
     if kind.startswith("missing"):
-        if isinstance(loc[-1], int):  # an entry of a list
-            # of a choice between types pydantic's location names the type, too
-            hints = _declared(declaration, loc[:-1]) or _declared(declaration, loc[:-2])
-            for member in (member for hint in hints for _, member in _members(hint)):
-                if get_origin(member) is tuple:
-                    return f"must be a list of {len(get_args(member))} entries"
-            return "must be a table of keys"
-        owners = [
-            member
-            for hint in _declared(declaration, loc[:-1])
-            for _, member in _members(hint)
-            if loc[-1] in _hints(member)
-        ]
-        text = _default(owners[0], loc[-1])[1] if owners else ""
-        return f"is missing: {text}"
+        return _missing(declaration, loc)
     if kind == "literal_error":
         return choose(error["input"], re.findall(r"'([^']*)'", context["expected"]))
     if kind.startswith("union_tag"):

@@ -8,40 +8,44 @@ A scene is quiet if moving its floes by a millionth of a radius hardly changes t
 then compared pointwise, frame by frame and cell by cell.  Otherwise it is chaotic: no time step is short
 enough to follow individual floes, and means over time and seeds are compared.  The seeds are the same for all
 settings, and the spread of the differences among seeds gives the uncertainty of the error.
+
+What a result says, and where it is stored, is in `tradeoff_result`.
 """
 
-import hashlib
 import json
 import shlex
-import textwrap
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from decimal import ROUND_CEILING, Context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from floebmi import ensemble
-from floebmi.canvas import LINES, plain_numbers
 from floebmi.ensemble import Output
 from floebmi.errors import InputError, is_word
-from floebmi.files import check_new_folder, check_target, contents, path_of
+from floebmi.files import check_new_folder, check_target, path_of
 from floebmi.floes import Floes
 from floebmi.grid import Grid
 from floebmi.gridding import cell_fields, internal_stress, pressure
 from floebmi.making import work_of_processor
-from floebmi.output import FILE_VERSION, open_file
+from floebmi.output import FILE_VERSION
 from floebmi.pairs import wrap
-from floebmi.plot import graph
 from floebmi.running import Forcing
 from floebmi.scene import Built, Scene, Schedule, read_scene
+from floebmi.scene_physics import Parts
+from floebmi.tradeoff_result import (
+    COMPARED,
+    SUFFIX,
+    acceptable,
+    digest,
+    files_of,
+    read,
+)
 from floebmi.vorticity import gradient_operators
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from floebmi.model import Model
 
@@ -49,16 +53,8 @@ NUDGED = "nudged"  # end of the name of the reference run whose floes are moved 
 NUDGE = 1e-6
 # A scene is chaotic if the nudge changes a quantity by more than this fraction of the requested error.
 SEES = 0.1
-AS_IT_IS = "(the scene as it is)"
 REFERENCE_FRACTION = 0.1
 FINER = 4  # ratio of the scene's own step, and of its exchange interval, to those of the reference
-COMPARED = {  # quantities that are compared in each frame, and their meaning
-    "transport": "mass that has left through the edges",
-    "drift": "mean displacement of the ice, by mass",
-    "area_fraction": "concentration in the cells",
-    "velocity": "momentum of the ice in the cells",
-    "stress": "internal pressure in the cells",
-}
 OUTPUTS = {
     "transport": Output(("frame",), "kg", "mass that has left through the edges"),
     "drift": Output(("frame", "axis"), "m", "mean displacement of the ice, by mass"),
@@ -71,20 +67,19 @@ OUTPUTS = {
     "cost": Output((), "s", "processor time"),
     "cost_per_day": Output((), "s", "processor time per simulated day"),
 }
-SUFFIX = ".tradeoff.nc"
-FRONT, OTHERS = LINES[1], LINES[0]
-RING = 11.0  # points across, with the number of a setting in it
-GRAPH_WIDTH = 5.6  # of a figure, beside its list of settings [inches]
-LIST_LETTERS_PER_INCH = 17.0  # about: they are smaller than those of labels
 
 
 class Measured(NamedTuple):
-    """The result: data set, file, whether the scene is chaotic and why, and the runs that failed."""
+    """The result: data set, file, and the runs that failed."""
 
     data: "xr.Dataset"
     path: Path
-    why: str
     failures: list[ensemble.Failure]
+
+    @property
+    def why(self) -> str:
+        """Whether the scene is chaotic, what shows it, and how settings were compared."""
+        return self.data.attrs["comparison"]
 
 
 # ---- the dials --------------------------------------------------------------------------------------
@@ -101,15 +96,15 @@ def settings(scene: Scene, model: "Model", schedule: Schedule) -> dict[str, list
     if law is not None:
         if step.scheme == "verlet" and step.epsilon is None and step.length is None:
             dials["step"] = [f"step.fraction={f:g}" for f in (0.15, 0.3, 0.6) if f < step.fraction]
-        key = "contact.youngs_modulus" if _is_model(scene) else "contact.elastic.youngs_modulus"
+        table = "contact.elastic" if isinstance(scene.contact, Parts) else "contact"
         modulus = law.elastic.youngs_modulus
-        dials["stiffness"] = [f"{key}={modulus / by:.4g}" for by in (4, 16, 64)]
+        dials["stiffness"] = [f"{table}.youngs_modulus={modulus / by:.4g}" for by in (4, 16, 64)]
         if scene.preset is None:
             dials["preset"] = ["preset=damsgaard2018"]
     if model.forces and step.scheme == "verlet":
         dials["drag"] = [f"step.drag_every={k}" for k in (4, 16)]
-    if len(scene.floes) == 1:
-        radius = model.floes.radius[model.floes.active & ~model.floes.land]
+    radius = model.floes.radius[model.floes.active & ~model.floes.land]
+    if len(scene.floes) == 1 and radius.size:
         cuts = [by * radius.min() for by in (1.5, 2, 4, 8) if 2 * by * radius.min() < radius.max()]
         dials["smallest floe"] = [f"floes.smallest={cut:.4g}" for cut in cuts]
     if model.ocean is not None or model.atmosphere is not None:
@@ -119,10 +114,6 @@ def settings(scene: Scene, model: "Model", schedule: Schedule) -> dict[str, list
         longer = [by * exchange for by in (2, 3, 4) if every % (by * exchange) == 0]
         dials["exchange"] = [f"time.exchange={e:.12g}" for e in longer]
     return {dial: texts for dial, texts in dials.items() if texts}
-
-
-def _is_model(scene: Scene) -> bool:
-    return isinstance(scene.contact, str) or getattr(scene.contact, "model", "") != "parts"
 
 
 def reference(model: "Model", schedule: Schedule) -> str:
@@ -286,15 +277,8 @@ def tradeoff(
         raise InputError(f"seeds = {seeds!r}: must be at least 1")
     if budget is not None and not 0 < budget < np.inf:
         raise InputError(f"budget = {budget!r} minutes: must be greater than 0")
-    if to.suffix != ".nc":
-        raise InputError(f"--to {to}: must end in .nc")
-    check_new_folder(to.parent)
-    if to.parent.is_dir():
-        check_target(to, overwrite=True)
     members = to.with_name(f"{to.name}.members")
-    check_new_folder(members)
-    if to.exists():
-        read(to)  # replaced by a newer result is a result, and nothing else
+    _check_places(to, members)
     built, schedule = scene.build(), scene.schedule(duration)
     if schedule.duration < schedule.every:
         raise InputError(
@@ -313,7 +297,7 @@ def tradeoff(
     scene.check_forcing(built, 0.0, schedule.duration)
     shared = {
         "scene": str(scene.file),
-        "text": _hash(scene.text),
+        "text": digest(scene.text),
         "files": files_of(scene),
         "overrides": overrides,
         "duration": schedule.duration,
@@ -321,19 +305,18 @@ def tradeoff(
         "every": schedule.every,
     }
 
-    def run(texts: Sequence[str]) -> ensemble.Ensemble:
-        return ensemble.run(
-            member, shared, {"setting": texts}, range(1, 1 + seeds), members,
+    def measure() -> tuple[ensemble.Ensemble, "xr.Dataset"]:
+        done = ensemble.run(
+            member, shared, {"setting": tried}, range(1, 1 + seeds), members,
             jobs=jobs, code=lambda p: p["setting"], progress=progress,
         )  # fmt: skip
+        return done, _compare(done, fine, error, of, usual)
 
-    done = run(tried)
-    data, why = _compare(done, fine, error, of, usual)
+    done, data = measure()
     for text in _combined(dials, data, error):
         tried.append(text)
-        done = run(tried)
-        data, why = _compare(done, fine, error, of, usual)
-        if _acceptable(data, error).sel(setting=text):
+        done, data = measure()
+        if acceptable(data, error).sel(setting=text):
             break
     data.attrs |= {
         "floebmi_file": f"tradeoff {FILE_VERSION}",
@@ -341,46 +324,49 @@ def tradeoff(
         "scene_hash": shared["text"],
         "files": json.dumps(shared["files"]),
         "duration": schedule.duration,
-        "comparison": why,
         "overrides": json.dumps(overrides),
     }
     ensemble.save(data, to)
-    return Measured(data, to, why, done.failures)
+    return Measured(data, to, done.failures)
 
 
-def files_of(scene: Scene) -> dict[str, str]:
-    """Contents of the files that a scene reads; runs and results are valid only for the same contents."""
-    return {name: contents(scene.file.parent / name) for name in scene.paths()}
+def _check_places(to: Path, members: Path) -> None:
+    """InputError for a file that cannot be written, or is there and no result, and for a folder that cannot be made."""
+    if to.suffix != ".nc":
+        raise InputError(f"--to {to}: must end in .nc")
+    check_new_folder(to.parent)
+    if to.parent.is_dir():
+        check_target(to, overwrite=True)
+    check_new_folder(members)
+    if to.exists():
+        read(to)  # replaced by a newer result is a result, and nothing else
 
 
 def _affordable(
     schedule: Schedule, built: Built, budget: float, settings: int, seeds: int, jobs: int | None
 ) -> float:
     """The duration [s], in whole frames of the scene, for which all runs fit into `budget` minutes."""
-    model, begin = built.model, None
-    drive = Forcing(model, built.ocean, built.atmosphere)
-    for k in range(4):  # the first compiles
-        drive.fill(model.time)
+    model, drive = built.model, Forcing(built.model, built.ocean, built.atmosphere)
+    ended = []
+    for _ in range(4):
+        drive.fill(min(model.time, schedule.duration))  # forcing may end with the run
         model.advance(schedule.exchange)
-        begin = time.perf_counter() if k == 0 else begin
-    each = (time.perf_counter() - begin) / 3
+        ended.append(time.perf_counter())
+    each = (ended[-1] - ended[0]) / 3  # the first compiled
     runs = seeds * (settings + 8)  # reference and preset take longer, combinations follow
-    exchanges = 60.0 * budget * (jobs or ensemble.cores()) / (runs * each)
-    frames = int(exchanges * schedule.exchange / schedule.every)
+    frame = each * schedule.every / schedule.exchange * runs / (jobs or ensemble.cores())
+    frames = int(60.0 * budget / frame)
     if frames < 2:
-        least = (
-            2 * schedule.every / schedule.exchange * runs * each / 60 / (jobs or ensemble.cores())
-        )
         raise InputError(
-            f"budget = {budget:g} minutes: too few for two frames of {runs} runs; must be at least {least:.2g}"
+            f"budget = {budget:g} minutes: too few for two frames of {runs} runs; must be at least {2 * frame / 60:.2g}"
         )
     return min(schedule.duration, frames * schedule.every)
 
 
 def _compare(
     done: ensemble.Ensemble, fine: str, error: float, of: str | None, usual: Sequence[str]
-) -> tuple["xr.Dataset", str]:
-    """Costs and errors of all settings, and a text on how they were compared."""
+) -> "xr.Dataset":
+    """Costs and errors of all settings; its attribute `comparison` tells how they were compared."""
     import xarray as xr
 
     lost = [one for one in done.failures if one.point["setting"] in (fine, f"{fine} {NUDGED}")]
@@ -391,9 +377,10 @@ def _compare(
     base = runs.sel(setting=fine)
     nudged = runs.sel(setting=f"{fine} {NUDGED}")
     quantities = [q for q in COMPARED if np.abs(base[q]).max() > 0]
-    if not quantities:
+    moving = [q for q in usual if q in quantities]
+    if not moving and of not in quantities:
         raise InputError("tradeoff: nothing moves in this scene: there is nothing to compare")
-    of = of or next(q for q in usual if q in quantities)
+    of = of or moving[0]
     if of not in quantities:
         raise InputError(
             f"of = {of!r}: is zero in this scene; must be one of {', '.join(quantities)}"
@@ -430,8 +417,8 @@ def _compare(
     data["speed"] = (one.floe_steps / one.cost).median("seed")
     data["speed"].attrs = {"units": "s-1", "long_name": "floe-steps per second"}
     data["cost_per_day"].attrs = {"units": "s", "long_name": OUTPUTS["cost_per_day"].long_name}
-    data.attrs = {"reference": fine, "of": of, "seeds": n}
-    return data, why
+    data.attrs = {"reference": fine, "of": of, "seeds": n, "comparison": why}
+    return data
 
 
 def _same_for_all_seeds(field: "xr.DataArray") -> bool:
@@ -456,18 +443,12 @@ def _of_means(one: "xr.DataArray", other: "xr.DataArray") -> tuple[float, float]
     return mean / size, np.sqrt(spread / n) / size
 
 
-def _acceptable(data: "xr.Dataset", error: float) -> "xr.DataArray":
-    """Settings whose error is not above the requested one, or not above its uncertainty."""
-    here = data.sel(quantity=data.attrs["of"])
-    return (here.error <= error) | (here.error <= here.noise)
-
-
 def _combined(
     dials: Mapping[str, Sequence[str]], data: "xr.Dataset", error: float
 ) -> Iterator[str]:
     """The best setting of each option combined; then without the one with the largest error, and so on."""
     cost = data.cost_per_day / data.cost_per_day.sel(setting="")
-    fine, best = _acceptable(data, error), {}
+    fine, best = acceptable(data, error), {}
     for dial, texts in dials.items():
         good = [t for t in texts if fine.sel(setting=t) and cost.sel(setting=t) < 0.95]
         if good and dial != "preset":
@@ -479,234 +460,3 @@ def _combined(
     while len(best) > 1:
         yield " ".join(best.values())
         best.pop(max(best, key=lambda dial: float(errors.sel(setting=best[dial]))))
-
-
-# ---- what to say ------------------------------------------------------------------------------------
-
-
-def recommended(data: "xr.Dataset", error: float) -> str | None:
-    """The fastest setting whose error is at most `error`, or None."""
-    good = [
-        str(s) for s in data.setting.values[_acceptable(data, error).values]
-        if s != data.attrs["reference"]
-    ]  # fmt: skip
-    cost = data.cost_per_day
-    return min(good, key=lambda s: float(cost.sel(setting=s))) if good else None
-
-
-def setting_text(data: "xr.Dataset", setting: str) -> str:
-    """A setting as command-line options, its error, and the uncertainty of the error."""
-    of = data.attrs["of"]
-    one = data.sel(setting=setting, quantity=of)
-    told = " ".join(f"--set {change}" for change in setting.split()) or AS_IT_IS
-    noise = (
-        f", which {data.attrs['seeds']} seeds know to ± {float(one.noise):.1g}"
-        if one.noise > 0
-        else ""
-    )
-    return f"{told} (error of {of} {float(one.error):.2g}{noise})"
-
-
-def front(data: "xr.Dataset") -> list[str]:
-    """Pareto front: settings that no other beats in both cost and error, the fastest first."""
-    errors, found, least = data.error.sel(quantity=data.attrs["of"]), [], np.inf
-    for k in np.argsort(data.cost_per_day.values):
-        if errors.values[k] < least and np.isfinite(data.cost_per_day.values[k]):
-            found.append(str(data.setting.values[k]))
-            least = float(errors.values[k])
-    return found
-
-
-def table(data: "xr.Dataset") -> str:
-    """Settings in order of cost, one line each."""
-    names = [str(q) for q in data["quantity"].values]
-    base = float(data.cost_per_day.sel(setting=""))
-    on_front = front(data)
-    width = max(len(AS_IT_IS), *(len(str(s)) for s in data.setting.values))
-    head = f"  {'setting':<{width}}  {'s/day':>8}  {'× speed':>8}" + "".join(
-        f"{n:>22}" for n in names
-    )
-    lines = [f"{head}{'energy':>10}{'I':>9}"]
-    for k in np.argsort(data.cost_per_day.values):
-        one = data.isel(setting=k)
-        text = str(one.setting.item())
-        mark = "*" if text in on_front else " "
-        cells = "".join(f"{_with_noise(one.sel(quantity=n)):>22}" for n in names)
-        cost = float(one.cost_per_day)
-        inertia = float(one.inertia_number)
-        lines.append(
-            f"{mark} {text or AS_IT_IS:<{width}}  {cost:>8.3g}  {base / cost:>8.2f}{cells}"
-            f"{float(one.energy_residual):>10.0e}" + (f"{inertia:>9.0e}" if np.isfinite(inertia) else f"{'–':>9}")
-        )  # fmt: skip
-    return "\n".join(lines)
-
-
-def _with_noise(one: "xr.Dataset") -> str:
-    error, noise = float(one.error), float(one.noise)
-    if error == 0.0:
-        return "0"
-    return f"{error:.2g}" + (f" ± {noise:.1g}" if noise > 0 else "")
-
-
-def figure(data: "xr.Dataset", title: str) -> "Figure":
-    """Figure of error against cost of each setting, with the Pareto front."""
-    of, on_front = data.attrs["of"], front(data)
-    here = data.sel(quantity=of)
-    here = here.isel(setting=np.argsort(here.cost_per_day.values))
-    here = here.where(here.error > 0, drop=True)
-    words = [
-        textwrap.fill(str(s) or AS_IT_IS, 58, subsequent_indent=6 * " ")
-        for s in here.setting.values
-    ]
-    letters = max((len(line) for text in words for line in text.splitlines()), default=0)
-    column = 0.6 + letters / LIST_LETTERS_PER_INCH
-    with graph(GRAPH_WIDTH + column, 4.6) as drawn:
-        drawn.dpi = 160
-        ax, names = drawn.subplots(1, 2, width_ratios=(GRAPH_WIDTH, column))
-        line = [s for s in on_front if s in here.setting.values]
-        ax.plot(
-            here.cost_per_day.sel(setting=line), here.error.sel(setting=line), "-", color=FRONT,
-            lw=1.2, zorder=1, label="front: nothing is both faster and better",
-        )  # fmt: skip
-        names.axis("off")
-        for k, s in enumerate(here.setting.values):
-            one = here.sel(setting=s)
-            place = float(one.cost_per_day), float(one.error)
-            colour = FRONT if s in on_front else OTHERS
-            noise = float(one.noise)
-            if noise > 0:
-                low = min(noise, 0.7 * place[1])
-                ax.errorbar(*place, [[low], [noise]], fmt="none", ecolor="#b0b0b0", elinewidth=0.8)
-            ax.plot(*place, "o", ms=3, color=colour, zorder=2)
-            names.text(
-                0.0, 1.0 - (k + 0.5) / len(here.setting), f"{k + 1:>2}  {words[k]}", fontsize=7,
-                color=colour, va="center", transform=names.transAxes,
-            )  # fmt: skip
-        ax.set(
-            xscale="log", yscale="log", title=title, xlabel="seconds of a processor for a simulated day",
-            ylabel=f"error of {of} [1]\n({COMPARED[of]})",
-        )  # fmt: skip
-        plain_numbers(ax.xaxis)
-        plain_numbers(ax.yaxis)
-        ax.legend(loc="best", fontsize=7)
-        _draw_marks(ax)
-    return drawn
-
-
-def _draw_marks(ax: "Axes") -> None:
-    """A numbered ring for each point: around it, or beside it where rings would overlap."""
-    from matplotlib.transforms import ScaledTranslation
-
-    figure = ax.figure
-    figure.draw_without_rendering()  # from here on it is known where the dots are
-    ax.autoscale(False)
-    dots = [line for line in ax.lines if line.get_marker() == "o"]
-    places = [ax.transData.transform(dot.get_xydata()[0]) * 72 / figure.dpi for dot in dots]
-    angles = np.radians([90, 270, 45, 225, 135, 315, 0, 180])
-    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    shifts = np.concatenate([np.zeros((1, 2)), *(r * around for r in (16.0, 28.0, 40.0))])
-    taken: list[np.ndarray] = []
-    for k, dot in enumerate(dots):
-        others = np.array([*places[:k], *places[k + 1 :], *taken]).reshape(-1, 2)
-        free = (
-            shift
-            for shift in shifts  # neither on another ring or dot, nor with a dot in between
-            if (np.hypot(*(places[k] + shift - others).T) > 0.85 * RING).all()
-            and (np.hypot(*(places[k] + 0.5 * shift - others).T) > 0.4 * RING).all()
-        )
-        shift = next(free, shifts[0])
-        taken.append(places[k] + shift)
-        colour = dot.get_color()
-        at = {"xy": dot.get_xydata()[0], "xytext": shift, "textcoords": "offset points"}
-        line = {"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", **at, arrowprops=line, zorder=2)
-        beside = ax.transData + ScaledTranslation(*shift / 72, figure.dpi_scale_trans)
-        ax.plot(*at["xy"], "o", ms=RING, mfc="white", mec=colour, zorder=3, transform=beside)
-        ax.annotate(
-            str(k + 1), **at, ha="center", va="center", fontsize=6.5, color=colour, zorder=4
-        )
-
-
-# ---- using it ---------------------------------------------------------------------------------------
-
-
-def stored(scene: Scene) -> Path:
-    """The path of the result for a scene, beside it."""
-    return scene.file.with_suffix(SUFFIX)
-
-
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def result(scene: Scene) -> "xr.Dataset | None":
-    """The result stored beside a scene; None if there is none for its text, these overrides and its current files."""
-    path = stored(scene)
-    data = read(path) if path.exists() else None
-    return data if data is not None and _is_of(data, scene) and not _changed(data, scene) else None
-
-
-def _is_of(data: "xr.Dataset", scene: Scene) -> bool:
-    return data.attrs.get("scene_hash") == _hash(scene.text)
-
-
-def _changed(data: "xr.Dataset", scene: Scene) -> list[str]:
-    """The files of a scene that have changed since a result was measured."""
-    then = json.loads(data.attrs.get("files", "{}"))
-    return [name for name, now in files_of(scene).items() if then.get(name) != now]
-
-
-def read(path: Path) -> "xr.Dataset":
-    """Read a result from its file.
-
-    Raises
-    ------
-    InputError
-        if the file is missing, damaged, or not a result of `floebmi tradeoff`.
-    """
-    import xarray as xr
-
-    with open_file(path, "tradeoff"), xr.open_dataset(path) as data:
-        return data.load()
-
-
-def chosen(scene: Scene, accuracy: float) -> str:
-    """The setting that a stored result recommends for a given error.
-
-    Raises
-    ------
-    InputError
-        if there is no result beside the scene, if it is for another text of the scene, other overrides or files that
-        have changed since, or if no setting is that accurate.
-    """
-    path, data = stored(scene), result(scene)
-    make = f"floebmi tradeoff {scene.file} --to {path}"
-    if not path.exists():
-        raise InputError(
-            f"--accuracy: there is no {path.name} beside {scene.file}; {make} makes it"
-        )
-    if data is None:
-        other = read(path)
-        overrides = json.loads(other.attrs.get("overrides", "[]"))
-        same = "".join(f" --set {shlex.quote(override)}" for override in overrides)
-        own = read_scene(scene.file, overrides)
-        if _is_of(other, own) and _changed(other, own):
-            changed = ", ".join(_changed(other, own))
-            raise InputError(
-                f"{path}: {changed} changed since it was measured; {make}{same} makes it anew"
-            )
-        if _is_of(other, own) and overrides:
-            raise InputError(
-                f"{path}: was measured with{same}: give these too and first, or {make} makes it anew"
-            )
-        raise InputError(
-            f"{path}: was measured for another text of {scene.file}; {make} makes it anew"
-        )
-    setting = recommended(data, accuracy)
-    if setting is None:
-        least = float(data.error.sel(quantity=data.attrs["of"]).where(data.error > 0).min())
-        told = Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(least)
-        raise InputError(
-            f"--accuracy {accuracy:g}: no setting in {path} is so accurate; must be at least {told:g}"
-        )
-    return setting

@@ -18,11 +18,11 @@ from floebmi import (
     __version__,
     ensemble,
     files,
+    measures,
     paraview,
     plot,
     read_scene,
     running,
-    validate,
 )
 from floebmi.cli import floebmi
 from floebmi.explain import notes
@@ -354,7 +354,7 @@ def test_such_a_place_is_refused_by_every_command_before_its_work(
 ):
     for module, work in (
         (ensemble, "run"),
-        (validate, "table"),
+        (measures, "table"),
         (plot, "open_view"),
         (paraview, "open_file"),
     ):

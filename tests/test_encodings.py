@@ -13,7 +13,8 @@ from floebmi.forcing import VelocityFile
 from floebmi.grid import Grid
 from floebmi.projection import to_lonlat, to_plane
 from floebmi.scalars import read_scalar
-from floebmi.scene import Curvilinear, Unstructured
+from floebmi.scene_domain import Curvilinear, Unstructured
+from floebmi.scene_keys import Sea
 
 PLANE = "+proj=laea +lat_0=75 +lon_0=5 +datum=WGS84"
 GRID = Grid.uniform((-60e3, 60e3), (-60e3, 60e3), shape=(4, 4))
@@ -488,20 +489,24 @@ def corners(path, missing=None, **attributes):
             variable[:] = np.ma.masked_equal(values * per_unit, missing)
 
 
+def sea_in(folder):
+    return Sea(None, None, None, folder, None, None, None)
+
+
 def test_corners_of_a_grid_may_be_in_kilometres(tmp_path):
     for units in ({}, {"units": "m"}, {"units": "km"}):
         corners(tmp_path / "grid.nc", **units)
-        grid = Curvilinear(file="grid.nc").build(None, tmp_path)
+        grid = Curvilinear(file="grid.nc").build(sea_in(tmp_path))
         np.testing.assert_allclose(grid.area, 1e6, rtol=1e-12)
 
 
 def test_corners_that_are_degrees_or_missing_are_refused(tmp_path):
     corners(tmp_path / "grid.nc", units="degrees_east")
     with pytest.raises(InputError, match="x_corners: units = 'degrees_east'; must be a length"):
-        Curvilinear(file="grid.nc").build(None, tmp_path)
+        Curvilinear(file="grid.nc").build(sea_in(tmp_path))
     corners(tmp_path / "grid.nc", missing=2000.0)
     with pytest.raises(InputError, match=r"x_corners\[0, 2\] = nan: must be finite"):
-        Curvilinear(file="grid.nc").build(None, tmp_path)
+        Curvilinear(file="grid.nc").build(sea_in(tmp_path))
 
 
 @pytest.mark.parametrize("first, empty", [(0, -1), (1, -1), (0, 999), (1, 0)])
@@ -514,5 +519,5 @@ def test_nodes_of_cells_are_counted_from_where_the_file_says(tmp_path, first, em
         faces = file.createVariable("face_nodes", "i4", ("face", "corner"), fill_value=empty)
         faces.start_index = first
         faces[:] = [[k + first for k in (0, 1, 2, 3)], [*(k + first for k in (1, 4, 2)), empty]]
-    grid = Unstructured(kind="unstructured", file="mesh.nc").build(None, tmp_path)
+    grid = Unstructured(kind="unstructured", file="mesh.nc").build(sea_in(tmp_path))
     np.testing.assert_allclose(grid.area, [1.0, 0.5])

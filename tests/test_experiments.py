@@ -1,6 +1,7 @@
 """The paper's experiments: what is set up, what counts as a jam, what the command leaves."""
 
 import importlib.util
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -374,6 +375,15 @@ def test_the_figure_of_stresses_shows_the_members_their_line_and_its_band(shears
     np.testing.assert_allclose(profiles[0].get_xydata(), [[0.2, 0.25], [0.9, 0.75]])
 
 
+def test_stresses_that_are_too_few_for_a_line_are_drawn_with_the_name_of_their_model(shears):
+    few = shears.data.isel(normal_stress=[0, 1], seed=[0])
+    few = few.assign(bulk_friction=np.nan, bulk_cohesion=np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        left, _ = figures._stresses({"frictional": few}).axes
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["frictional"]
+
+
 def test_the_figure_of_jamming_shows_mass_shares_and_times(straits):
     sweep = figures.SWEEPS[7]
     mass, share, scale = figures._jamming({"cohesive": straits.data}, sweep).axes
@@ -388,6 +398,19 @@ def test_the_figure_of_jamming_shows_mass_shares_and_times(straits):
     np.testing.assert_allclose(bars[:, 1], one.jamming_timescale_bounds / HOUR)
     lower = straits.data.jamming_timescale_bounds.values[0, 0] / HOUR
     np.testing.assert_allclose(bound, [[0.0, lower]])
+
+
+def test_runs_that_are_too_short_to_tell_are_drawn_without_a_bound_and_without_a_warning(
+    straits, tmp_path
+):
+    data = straits.data.copy(deep=True)
+    data["jamming_timescale"][:], data["jamming_timescale_fit"][:] = np.inf, np.nan
+    data["jamming_timescale_bounds"].values[:] = (0.0, np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = figures._jamming({"cohesive": data}, figures.SWEEPS[7])
+        figure.savefig(tmp_path / "figure.png")
+    assert not figure.axes[2].lines
 
 
 def test_marks_of_both_models_have_the_colours_that_their_legend_has(straits):

@@ -41,7 +41,8 @@ from floebmi.forces import (
 )
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
-from floebmi.scene import _FRICTIONS, Scene
+from floebmi.scene import Scene
+from floebmi.scene_physics import _FRICTIONS
 
 OPEN = Domain((-200.0, 200.0), (-200.0, 200.0))
 

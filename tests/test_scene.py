@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from floebmi import InputError, read_scene
+from floebmi import InputError, cgrid, forcing, places, read_scene, remap
 from floebmi.contact import Coulomb, Damsgaard2018Coulomb
 from floebmi.dynamics import Step
 from floebmi.floes import DRIVEN, FIXED
 from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
 from floebmi.packing import IceNotPlaced, scatter
 from floebmi.scene import Scene, copy_scene
-from floebmi.scene_floes import Sea
+from floebmi.scene_keys import Sea
+from floebmi.scene_physics import FluidTable
 from floebmi.scenes import packaged
 from floebmi.sizes import UniformSize
 from floebmi.tables import keys
@@ -1011,3 +1012,12 @@ def test_a_scene_of_a_wrong_kind_is_refused_in_one_line(scene):
 def test_overrides_of_a_wrong_kind_are_refused_in_one_line(overrides):
     with pytest.raises(InputError, match="^overrides = .*: must be a list of texts"):
         read_scene("two-floes", overrides)
+
+
+def test_the_words_that_a_scene_allows_for_a_file_are_those_of_its_readers():
+    words = {
+        "position": places.Position, "fill_land": remap.FillLand, "vectors": forcing.Vectors,
+        "stagger": cgrid.Stagger,
+    }  # fmt: skip
+    for key, allowed in words.items():
+        assert FluidTable.model_fields[key].annotation == allowed

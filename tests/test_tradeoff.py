@@ -10,7 +10,7 @@ import xarray as xr
 from click.testing import CliRunner
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from floebmi import calibration, tradeoff
+from floebmi import calibration, tradeoff, tradeoff_result
 from floebmi.cli import floebmi as command
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes, without_small
@@ -81,7 +81,7 @@ def test_a_quiet_scene_is_compared_pointwise_and_the_fastest_accurate_setting_is
     assert told.exit_code == 0, told.output
     assert path.with_suffix(".tradeoff.png").stat().st_size > 10_000
     scene = read_scene(path)
-    data = tradeoff.result(scene)
+    data = tradeoff_result.result(scene)
     assert "quiet" in data.comparison and data.of == "velocity"
     assert (
         data.Conventions == "CF-1.11" and data.title == "speed against accuracy of the scene pack"
@@ -90,10 +90,10 @@ def test_a_quiet_scene_is_compared_pointwise_and_the_fastest_accurate_setting_is
     errors = data.error.sel(quantity="velocity")
     assert errors.sel(setting=data.reference) == 0.0
     assert 0 < errors.sel(setting="step.fraction=0.3") < errors.sel(setting="")
-    assert tradeoff.chosen(scene, 0.9) == tradeoff.recommended(data, 0.9)
+    assert tradeoff_result.chosen(scene, 0.9) == tradeoff_result.recommended(data, 0.9)
     with pytest.raises(InputError, match="no setting in .* is so accurate; must be at least") as no:
-        tradeoff.chosen(scene, 1e-12)
-    assert tradeoff.chosen(scene, float(str(no.value).split()[-1]))
+        tradeoff_result.chosen(scene, 1e-12)
+    assert tradeoff_result.chosen(scene, float(str(no.value).split()[-1]))
     ran = CliRunner().invoke(
         command, ["run", str(path), "--accuracy", "0.9", "--to", str(tmp_path / "out")]
     )
@@ -105,11 +105,11 @@ def test_a_quiet_scene_is_compared_pointwise_and_the_fastest_accurate_setting_is
 def test_a_result_of_another_text_of_the_scene_is_refused(tmp_path):
     scene = read_scene(scene_file(tmp_path, QUIET))
     with pytest.raises(InputError, match="there is no pack.tradeoff.nc beside"):
-        tradeoff.chosen(scene, 0.1)
-    xr.Dataset(attrs=MARK | {"scene_hash": "of another"}).to_netcdf(tradeoff.stored(scene))
+        tradeoff_result.chosen(scene, 0.1)
+    xr.Dataset(attrs=MARK | {"scene_hash": "of another"}).to_netcdf(tradeoff_result.stored(scene))
     with pytest.raises(InputError, match="was measured for another text"):
-        tradeoff.chosen(scene, 0.1)
-    assert tradeoff.result(scene) is None
+        tradeoff_result.chosen(scene, 0.1)
+    assert tradeoff_result.result(scene) is None
 
 
 @pytest.mark.parametrize("by_hand", [[], ["step.fraction=0.2"]])
@@ -120,11 +120,11 @@ def test_a_result_of_files_that_have_changed_since_is_refused(tmp_path, by_hand)
     scene = read_scene(path, by_hand)
     data = numbers([0.01, 0.02, 0.0]).assign_coords(setting=["step.fraction=0.7", "", "fine"])
     data.attrs |= MARK | {
-        "scene_hash": tradeoff._hash(scene.text),
-        "files": json.dumps(tradeoff.files_of(scene)),
+        "scene_hash": tradeoff_result.digest(scene.text),
+        "files": json.dumps(tradeoff_result.files_of(scene)),
         "overrides": json.dumps(by_hand),
     }
-    data.to_netcdf(tradeoff.stored(scene))
+    data.to_netcdf(tradeoff_result.stored(scene))
     options = [word for change in by_hand for word in ("--set", change)]
     run = ["run", str(path), *options, "--accuracy", "0.1", "--duration", "15"]
     told = CliRunner().invoke(command, [*run, "--to", str(tmp_path / "out")])
@@ -132,20 +132,20 @@ def test_a_result_of_files_that_have_changed_since_is_refused(tmp_path, by_hand)
     floes.write_text("x,y,radius,thickness,u\n150,150,10,1,0.05\n175,158,15,1,0\n")
     told = CliRunner().invoke(command, [*run, "--to", str(tmp_path / "other")], prog_name="floebmi")
     assert told.exit_code == 2 and told.stderr.count("\n") == 1
-    anew = " ".join(["--to", str(tradeoff.stored(scene)), *options, "makes it anew"])
+    anew = " ".join(["--to", str(tradeoff_result.stored(scene)), *options, "makes it anew"])
     assert "pack.tradeoff.nc: floes.csv changed since it was measured" in told.stderr
     assert anew in told.stderr
-    assert tradeoff.result(scene) is None
+    assert tradeoff_result.result(scene) is None
 
 
 def test_packaged_results_are_of_the_packaged_scenes_and_their_files():
     for name in ("labrador-sea", "periodic-box", "shear-cell", "strait", "two-floes"):
-        assert tradeoff.result(read_scene(name)) is not None, name
+        assert tradeoff_result.result(read_scene(name)) is not None, name
 
 
 def test_a_damaged_result_and_a_file_that_is_none_are_refused_in_one_line(tmp_path):
     path = scene_file(tmp_path, QUIET)
-    result = tradeoff.stored(read_scene(path))
+    result = tradeoff_result.stored(read_scene(path))
     for spoil, told in (
         (lambda: result.write_bytes(b"no NetCDF"), "is no NetCDF file, or a damaged one"),
         (lambda: xr.Dataset().to_netcdf(result), "is \"none of floebmi's\"; must be 'tradeoff 1'"),
@@ -160,16 +160,28 @@ def test_a_damaged_result_and_a_file_that_is_none_are_refused_in_one_line(tmp_pa
 
 def test_a_packaged_result_is_drawn_anew(tmp_path):
     picture = tmp_path / "front.png"
-    words = ["plot", str(tradeoff.stored(read_scene("two-floes"))), "--to", str(picture)]
+    words = ["plot", str(tradeoff_result.stored(read_scene("two-floes"))), "--to", str(picture)]
     assert CliRunner().invoke(command, words).output == f"wrote {picture}\n"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "exists already" in CliRunner().invoke(command, words).stderr
 
 
+@pytest.mark.parametrize(
+    "option", ["--ledger", "--time 0", "--variable speed", "--color speed", "--arrows ice"]
+)
+def test_what_a_result_does_not_show_is_refused(tmp_path, option):
+    result = str(tradeoff_result.stored(read_scene("two-floes")))
+    words = ["plot", result, "--to", str(tmp_path / "front.png"), *option.split()]
+    drawn = CliRunner().invoke(command, words, prog_name="floebmi")
+    assert drawn.exit_code == 2 and not list(tmp_path.iterdir())
+    told = f"floebmi: {option.split()[0]}: a trade-off does not show it; leave it out\n"
+    assert drawn.stderr == told
+
+
 @pytest.mark.parametrize("name", ["labrador-sea", "periodic-box", "strait"])
 def test_the_number_of_each_setting_can_be_read(name):
-    data = tradeoff.read(tradeoff.stored(read_scene(name)))
-    figure = tradeoff.figure(data, name)
+    data = tradeoff_result.read(tradeoff_result.stored(read_scene(name)))
+    figure = tradeoff_result.figure(data)
     FigureCanvasAgg(figure).draw()
     axes = figure.axes[0]
     numbers = [text for text in axes.texts if text.get_text().isdigit()]
@@ -191,7 +203,7 @@ def test_a_result_is_taken_for_what_was_set_by_hand_when_it_was_measured_or_for_
     def run(measured_with, *changes):
         text = read_scene(path, measured_with).text
         data.attrs |= MARK | {
-            "scene_hash": tradeoff._hash(text),
+            "scene_hash": tradeoff_result.digest(text),
             "overrides": json.dumps(measured_with),
         }
         data.to_netcdf(path.with_suffix(".tradeoff.nc"))
@@ -222,8 +234,8 @@ def test_a_chaotic_scene_is_compared_in_means_over_seeds(tmp_path, few_dials):
     errors = made.data.sel(quantity="area_fraction", setting="step.fraction=0.3")
     assert 0 < errors.error < 0.3  # the means are near, though no floe is where it was
     assert errors.noise > 0
-    table = tradeoff.table(made.data)
-    assert tradeoff.AS_IT_IS in table and "±" in table
+    table = tradeoff_result.table(made.data)
+    assert tradeoff_result.AS_IT_IS in table and "±" in table
     assert "not known" not in made.why
 
 
@@ -236,7 +248,7 @@ def test_runs_that_are_all_the_same_do_not_tell_how_well_an_error_is_known(
     path = scene_file(tmp_path, CHAOTIC.replace("[[floes]]\n", "[[floes]]\n" + own))
     made = tradeoff.tradeoff(path, of="area_fraction", seeds=seeds, jobs=1, to=tmp_path / "t.nc")
     assert "chaotic" in made.why and told in made.why
-    assert np.isnan(made.data.noise).all() and "±" not in tradeoff.table(made.data)
+    assert np.isnan(made.data.noise).all() and "±" not in tradeoff_result.table(made.data)
 
 
 def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
@@ -257,7 +269,7 @@ def test_runs_with_no_number_in_the_same_cells_may_be_the_same(shift, same):
     """A field may have no number in a cell or more; the seeds may change nothing all the same."""
 
     def run(setting, seed):
-        fields = {q: np.ones((2, 2)) for q in tradeoff.COMPARED}
+        fields = {q: np.ones((2, 2)) for q in tradeoff_result.COMPARED}
         fields["transport"][:, 0] = np.nan
         fields["drift"] += (setting == "fine nudged") + shift * seed
         return {"time": np.arange(2.0), **fields} | {
@@ -266,23 +278,46 @@ def test_runs_with_no_number_in_the_same_cells_may_be_the_same(shift, same):
 
     settings = ("fine", "fine nudged", "")
     members = {(s, k): run(setting, k) for s, setting in enumerate(settings) for k in range(2)}
-    two = {name: ("frame", "cell") for name in tradeoff.COMPARED}
+    two = {name: ("frame", "cell") for name in tradeoff_result.COMPARED}
     outputs = {n: of._replace(dims=two.get(n, of.dims)) for n, of in tradeoff.OUTPUTS.items()}
     done = tradeoff.ensemble.Ensemble({}, {"setting": settings}, (1, 2), members, [])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tradeoff, "OUTPUTS", outputs)
-        _, why = tradeoff._compare(done, "fine", 0.05, "drift", ())
+        why = tradeoff._compare(done, "fine", 0.05, "drift", ()).comparison
     assert "changes drift by" in why and ("the seed changes nothing" in why) == same
 
 
+def test_a_scene_in_which_nothing_moves_has_nothing_to_compare(tmp_path, few_dials):
+    path = tmp_path / "still.toml"
+    path.write_text(QUIET.replace(", u = 0.5", ""))
+    with pytest.raises(InputError, match="nothing moves in this scene"):
+        tradeoff.tradeoff(path, seeds=1, jobs=1, to=tmp_path / "t.nc")
+
+
+def test_what_a_budget_allows_is_measured_with_forcing_of_the_run_alone(tmp_path):
+    """The records of a file may end where the run ends."""
+    scene = read_scene(scene_file(tmp_path, QUIET + "[ocean]\n"), ["time.exchange=15"])
+    times = []
+    water = SimpleNamespace(fill=lambda t, u, v: times.append(t))
+    schedule = scene.schedule(30.0)
+    length = tradeoff._affordable(schedule, scene.build()._replace(ocean=water), 1e6, 1, 1, 1)
+    assert length == 30.0 and times == [0.0, 15.0, 30.0, 30.0]
+
+
+def test_a_scene_without_floes_at_its_start_has_no_smallest_to_leave_out(tmp_path):
+    scene = read_scene(scene_file(tmp_path, SCENE), ["floes.concentration=0"])
+    dials = tradeoff.settings(scene, scene.build().model, scene.schedule())
+    assert "stiffness" in dials and "smallest floe" not in dials
+
+
 def test_the_recommendation_is_the_fastest_that_is_accurate_and_never_the_reference():
-    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.05) == "middle"
-    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.3) == "fast"
-    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0]), 0.01) is None
-    assert tradeoff.recommended(numbers([0.2, 0.04, 0.0], noise=0.25), 0.01) == "fast"
-    assert tradeoff.recommended(numbers([np.nan, 0.04, 0.0]), 0.3) == "middle"
-    assert tradeoff.front(numbers([0.2, 0.04, 0.0])) == ["fast", "middle", "fine"]
-    assert tradeoff.front(numbers([0.02, 0.04, 0.0])) == ["fast", "fine"]
+    assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.05) == "middle"
+    assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.3) == "fast"
+    assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0]), 0.01) is None
+    assert tradeoff_result.recommended(numbers([0.2, 0.04, 0.0], noise=0.25), 0.01) == "fast"
+    assert tradeoff_result.recommended(numbers([np.nan, 0.04, 0.0]), 0.3) == "middle"
+    assert tradeoff_result.front(numbers([0.2, 0.04, 0.0])) == ["fast", "middle", "fine"]
+    assert tradeoff_result.front(numbers([0.02, 0.04, 0.0])) == ["fast", "fine"]
 
 
 @pytest.mark.parametrize(
@@ -331,14 +366,14 @@ def test_a_folder_of_forcing_is_another_one_if_a_file_deep_in_it_is(tmp_path):
     chunk.parent.mkdir(parents=True)
     chunk.write_bytes(b"1.0")
     scene = read_scene(scene_file(tmp_path, QUIET + '[atmosphere]\nfile = "wind.zarr"\n'))
-    first = tradeoff.files_of(scene)
+    first = tradeoff_result.files_of(scene)
     assert list(first) == ["wind.zarr"]
     chunk.write_bytes(b"2.0")
-    assert tradeoff.files_of(scene) != first
+    assert tradeoff_result.files_of(scene) != first
     chunk.write_bytes(b"1.0")
-    assert tradeoff.files_of(scene) == first  # the same wind, of another date
+    assert tradeoff_result.files_of(scene) == first  # the same wind, of another date
     chunk.rename(chunk.with_name("1"))
-    assert tradeoff.files_of(scene) != first
+    assert tradeoff_result.files_of(scene) != first
 
 
 def test_only_a_result_is_replaced_by_a_result(tmp_path):

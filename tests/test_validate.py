@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from floebmi import __version__, validate
+from floebmi import __version__
 from floebmi.advance import Advance
 from floebmi.cli import floebmi
-from floebmi.validate import CASES, Case, Measure
+from floebmi.errors import StabilityError
+from floebmi.measures import Case, Measure, save
+from floebmi.validate import CASES
 
 
 def missed(measures):
@@ -49,7 +51,7 @@ def test_there_is_a_case_for_each_row_of_the_extremes():
 
 def test_a_full_disk_leaves_the_earlier_measures(tmp_path, monkeypatch):
     path = tmp_path / "a.json"
-    validate.save({}, path)
+    save({}, path)
 
     def torn(self, text, **how):
         self.write_bytes(text[: len(text) // 2].encode())
@@ -57,7 +59,7 @@ def test_a_full_disk_leaves_the_earlier_measures(tmp_path, monkeypatch):
 
     monkeypatch.setattr(pathlib.Path, "write_text", torn)
     with pytest.raises(OSError, match="No space left on device: .*a.json"):
-        validate.save({"restart": [Measure("floes", 1.0)]}, path)
+        save({CASES["restart"]: [Measure("floes", 1.0)]}, path)
     assert json.loads(path.read_bytes())["cases"] == {}
     assert os.listdir(tmp_path) == ["a.json"]
 
@@ -135,7 +137,7 @@ def test_a_case_that_fails_or_stops_ends_the_command_with_1(monkeypatch):
 
     def stops(long):
         yield Measure("something", 1.0, "≤", 1.0)
-        raise validate.StabilityError("floe 3: left")
+        raise StabilityError("floe 3: left")
 
     for name, measure in (("one", too_much), ("two", stops)):
         monkeypatch.setitem(CASES, name, Case(98, name, "A case", "here", measure))

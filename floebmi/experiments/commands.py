@@ -8,6 +8,14 @@ from typing import Any
 import click
 
 from floebmi.errors import InputError
+from floebmi.experiments.parameters import (
+    NORMAL_STRESSES,
+    Experiment,
+    Shear,
+    Strait,
+    rows,
+    table,
+)
 from floebmi.one_line import PATH, Group, fail
 
 
@@ -33,16 +41,13 @@ class _Several(click.ParamType):
             )
 
 
-def _experiment_options(kind: str) -> Callable:
+def _experiment_options(kind: type[Experiment]) -> Callable:
     """An option for each parameter of the experiment's table."""
-    from floebmi.experiments import parameters
-
-    table = getattr(parameters, kind.capitalize())
 
     def add(function: Callable) -> Callable:
-        for name, default, row in reversed(list(parameters.rows(table))):
+        for name, default, row in reversed(list(rows(kind))):
             unit = f" [{row.unit}]" if row.unit not in ("", "1") else ""
-            usual = parameters.NORMAL_STRESSES if name == "normal_stress" else (default,)
+            usual = NORMAL_STRESSES if name == "normal_stress" else (default,)
             shown = ",".join(one if isinstance(one, str) else f"{one:g}" for one in usual)
             function = click.option(
                 f"--{name.replace('_', '-')}", name, type=_Several(isinstance(default, str)),
@@ -94,30 +99,28 @@ def experiment() -> None:
 @experiment.command("table")
 def _table() -> None:
     """Print all parameters and their sources."""
-    from floebmi.experiments import parameters
-
-    for kind in (parameters.Shear, parameters.Strait):
-        click.echo(f"{kind.__name__}: {kind.__doc__}\n{parameters.table(kind)}\n")
+    for kind in (Shear, Strait):
+        click.echo(f"{kind.__name__}: {kind.__doc__}\n{table(kind)}\n")
 
 
 @experiment.command("shear")
-@_experiment_options("shear")
+@_experiment_options(Shear)
 @_ensemble_options
 def _shear(**options: Any) -> None:
     """Shear a pack under a loaded wall (Figs 1, 3, 4)."""
-    _experiment("shear", **options)
+    _run(Shear, **options)
 
 
 @experiment.command("strait")
-@_experiment_options("strait")
+@_experiment_options(Strait)
 @_ensemble_options
 def _strait(**options: Any) -> None:
     """Drive floes through a strait until it jams (Figs 2, 5 to 10)."""
-    _experiment("strait", **options)
+    _run(Strait, **options)
 
 
-def _experiment(
-    name: str,
+def _run(
+    kind: type[Experiment],
     *,
     seeds: int | None,
     save: Path | None,
@@ -127,9 +130,9 @@ def _experiment(
     quiet: bool,
     **given: tuple[Any, ...] | None,
 ) -> None:
-    from floebmi.experiments import campaign, figures, parameters
+    from floebmi.experiments import campaign, figures
 
-    kind = getattr(parameters, name.capitalize())
+    name = kind.__name__.lower()
     values = {key: several for key, several in given.items() if several is not None}
     numbers = range(1, (seeds or SEEDS[name]) + 1)
     with _cluster(cluster) as on:
@@ -137,8 +140,8 @@ def _experiment(
         if figure is not None:
             made = figures.make_figure(figure, kind, values, numbers, save, **how)
         else:
-            if kind is parameters.Shear:
-                values.setdefault("normal_stress", parameters.NORMAL_STRESSES)
+            if kind is Shear:
+                values.setdefault("normal_stress", NORMAL_STRESSES)
             made = campaign.run(kind, values, numbers, save or Path(f"{name}.nc"), **how)
     if not quiet:
         told = [made.text] if made.text else []

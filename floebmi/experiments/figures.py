@@ -196,7 +196,7 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
     for model, one in data.items():
         colour, n = COLOURS[model], one.normal_stress.values / KPA
         each = one.shear_stress.transpose("normal_stress", "seed").values
-        left.plot(n, each / KPA, "o", color=colour, ms=3.5, alpha=0.6, mew=0)
+        dots, *_ = left.plot(n, each / KPA, "o", color=colour, ms=3.5, alpha=0.6, mew=0)
         f, c = float(one.bulk_friction), float(one.bulk_cohesion) / KPA
         if np.isfinite(f):
             low, high = one.bulk_friction_bounds.values
@@ -207,6 +207,8 @@ def _stresses(data: "Mapping[str, xr.Dataset]") -> "Figure":
             left.plot(line, c + f * line, color=colour, label=label)
             middle, band = _band(np.repeat(n, each.shape[1]), each.ravel() / KPA, line)
             left.fill_between(line, middle - band, middle + band, color=colour, alpha=0.15, lw=0)
+        else:
+            dots.set_label(model)
         ratio = each / KPA / n[:, None]
         right.errorbar(
             n, np.nanmean(ratio, axis=1), np.nanstd(ratio, axis=1), fmt="o-", ms=4, color=colour,
@@ -233,10 +235,8 @@ def _band(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.
     if len(x) < 3:
         return np.full(at.shape, np.nan), np.full(at.shape, np.nan)
     fit = linregress(x, y)
-    rest = y - fit.intercept - fit.slope * x
-    s = np.sqrt((rest**2).sum() / (len(x) - 2))
-    spread = np.sqrt(1 / len(x) + (at - x.mean()) ** 2 / ((x - x.mean()) ** 2).sum())
-    return fit.intercept + fit.slope * at, t.ppf(0.975, len(x) - 2) * s * spread
+    error = fit.stderr * np.sqrt(x.var() + (at - x.mean()) ** 2)  # least at the mean of x
+    return fit.intercept + fit.slope * at, t.ppf(0.975, len(x) - 2) * error
 
 
 def _profiles(data: "Mapping[str, xr.Dataset]") -> "Figure":
@@ -402,8 +402,9 @@ def _timescales(ax: "Axes", one: "xr.Dataset", sweep: Sweep) -> None:
     if some.any():
         bars = np.stack([T[some] - low[some], high[some] - T[some]])
         ax.errorbar(x[some], T[some], bars, fmt="o", color=colour, capsize=3, label="maximum likelihood, 95 %")  # fmt: skip
-    if (~some).any():
-        ax.plot(x[~some], low[~some], "^", color=colour, mfc="none", label="no run jammed: T above this, 95 %")  # fmt: skip
+    above = ~some & (low > 0)  # a bound of 0 tells nothing
+    if above.any():
+        ax.plot(x[above], low[above], "^", color=colour, mfc="none", label="no run jammed: T above this, 95 %")  # fmt: skip
     fitted = np.isfinite(fit) & (fit > 0)
     if fitted.any():
         error = one.jamming_timescale_fit_deviation.values[fitted] / HOUR
