@@ -143,17 +143,12 @@ def area_inside(grid: Grid, domain: Domain) -> np.ndarray:
     """Area of each cell inside the domain [m²], shape (grid.size,); what is across a seam is inside, too."""
     import shapely
 
-    x, y = (
+    (west, east), (south, north) = (
         (low - (length or 0.0), high + (length or 0.0))
         for (low, high), length in zip((domain.x, domain.y), domain.period, strict=True)
     )
-    domain = domain._replace(x=x, y=y)
-    corner_x, corner_y = grid.corner_x, grid.corner_y
-    low = np.minimum(corner_x.min(axis=1) - domain.x[0], corner_y.min(axis=1) - domain.y[0])
-    high = np.minimum(domain.x[1] - corner_x.max(axis=1), domain.y[1] - corner_y.max(axis=1))
-    area = np.array(grid.area)
-    cut = np.minimum(low, high) < 0
-    rings = np.stack([corner_x[cut], corner_y[cut]], axis=2)
-    box = (domain.x[0], domain.y[0], domain.x[1], domain.y[1])
-    area[cut] = shapely.area(shapely.clip_by_rect(shapely.polygons(rings), *box))
+    x, y, area = grid.corner_x, grid.corner_y, grid.area.copy()
+    cut = ((x < west) | (x > east) | (y < south) | (y > north)).any(axis=1)
+    cells = shapely.polygons(np.stack([x[cut], y[cut]], axis=2))
+    area[cut] = shapely.area(shapely.clip_by_rect(cells, west, south, east, north))
     return area

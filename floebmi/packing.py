@@ -104,12 +104,12 @@ def scatter(
     filled = float(np.pi * np.sum(radius**2)) / room
     _refuse_too_full(asked, filled)
     _check_fit(radius, domain)
-    ground = ground_of(domain, barrier, len(radius))
+    ground = ground_of(barrier, len(radius))
     sea = ground.group >= 0
     if not sea.any():
         raise InputError(f"land leaves {room:.4g} m², too little to find a place for floes")
     ground.ice[sea] = filled * room / np.count_nonzero(sea)
-    x, y, _, left = settle(radius, ground, domain, rng)
+    x, y, _, left = settle(radius, ground, rng)
     if left.any():
         raise InputError(
             f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room; "
@@ -192,11 +192,11 @@ def from_field(
     radius = _draw_area(sizes, float(ice.sum()), rng, strict=False)
     _check_fit(radius, domain)
     barrier = barrier_of(land, domain, sizes.range[0], grid)
-    ground = ground_of(domain, barrier, len(radius), grid)
-    spread(ground, grid, ice)
-    x, y, cell, left = settle(radius, ground, domain, rng)
+    ground = ground_of(barrier, len(radius), grid)
+    spread(ground, ice)
+    x, y, cell, left = settle(radius, ground, rng)
     if left.any():
-        left = thin_out(x, y, radius, ground, domain)
+        left = thin_out(x, y, radius, ground)
     capped = wanted - float(ice.sum())
     lost = float(np.pi * np.sum(radius[left] ** 2))
     told = [
@@ -603,9 +603,9 @@ def _check_fit(radius: np.ndarray, domain: Domain) -> None:
     largest = float(radius.max(initial=0.0))
     for axis, length in zip("xy", domain.period, strict=True):
         low, high = getattr(domain, axis)
-        side, diameters = high - low, 2 if length is None else 4
-        if largest * diameters * (1 + SPARE) / 2 > side / 2:
+        side, radii = high - low, 2 if length is None else 4
+        if largest * radii * (1 + SPARE) > side:
             raise InputError(
-                f"domain.{axis}: {side:g} m; must be at least {diameters} radii of the largest "
-                f"floe, {largest * diameters:g} m"
+                f"domain.{axis}: {side:g} m; must be at least {radii} radii of the largest "
+                f"floe, {largest * radii:g} m"
             )

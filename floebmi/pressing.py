@@ -120,6 +120,7 @@ def some_free(i: np.ndarray, j: np.ndarray, free: np.ndarray) -> tuple[np.ndarra
 def distances(
     x: np.ndarray, y: np.ndarray, i: np.ndarray, j: np.ndarray, domain: Domain
 ) -> np.ndarray:
+    """Distances between the centres of pairs [m]."""
     length_x, length_y = domain.period
     return np.hypot(wrap(length_x, x[j] - x[i]), wrap(length_y, y[j] - y[i]))
 
