@@ -7,9 +7,10 @@ stress.
 
     python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel] [--restart 96]
 
-makes three runs, each with Veros' progress bar: one in which the ocean feels the ice, one in which it does not, and one of
-the ocean alone.  It prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.  Veros and the
-ice save their states once a day; a two-way run that was cut off resumes at the step with number --restart.
+makes two runs, each with Veros' progress bar: one in which the ocean feels the ice, one in which it does not; and two short
+ones, of the ocean alone and with an ice model without floes, which must be the same.  It prints the ledger on Veros' own U
+and V points, and draws what two-way coupling changes.  Veros and the ice save their states once a day; a two-way run that
+was cut off resumes at the step with number --restart.
 """
 
 import argparse
@@ -68,10 +69,7 @@ class Ocean(VerosSetup):
         self.momentum_in = np.zeros(2)  # surface stress as Veros' time scheme weighs it [N s]
         self._last = np.zeros(2)
         self.until = 0.0
-        self.took, self.spent = (
-            0.0,
-            Seconds(0.0, 0.0),
-        )  # wall clock of the run: all of it, and the ice's part
+        self.took, self.spent = 0.0, Seconds(0.0, 0.0)  # wall clock: of the run, of its ice
         self.currents: list[tuple[np.ndarray, np.ndarray]] = []  # of the last day, at the surface
         super().__init__()
 
@@ -136,9 +134,7 @@ class Ocean(VerosSetup):
     @veros_routine
     def set_initial_conditions(self, state):
         vs = state.variables
-        cold = -1.5 + 3.0 * (
-            1 - np.exp(vs.zt / 300.0)
-        )  # warmer below: weak, with salt that holds it down
+        cold = -1.5 + 3.0 * (1 - np.exp(vs.zt / 300.0))  # warmer below, held down by salt
         salt = 34.9 - 1.0 * np.exp(vs.zt / 100.0) - 0.6 * np.exp(vs.zt / 800.0)
         vs.temp = np.broadcast_to((cold * vs.maskT)[..., None], vs.temp.shape).copy()
         vs.salt = np.broadcast_to((salt * vs.maskT)[..., None], vs.salt.shape).copy()
@@ -234,9 +230,6 @@ def make_ice(
         if not channel:
             rows = np.linspace(0, east, 161)
             coast = from_land_fraction(rows, rows, land(*np.meshgrid(rows, rows), east), radius[0])
-            inside = (coast.floes.x - west > coast.floes.radius) & (east - coast.floes.x > coast.floes.radius)  # fmt: skip
-            inside &= (coast.floes.y - south > coast.floes.radius) & (north - coast.floes.y > coast.floes.radius)  # fmt: skip
-            coast = coast._replace(floes=_taken(coast.floes, inside))
         if concentration > 0:
             ice = np.where(
                 grid.wet & (grid.y > (0.25 if channel else 0.45) * north), concentration, 0.0
@@ -264,11 +257,6 @@ def make_ice(
         return model
 
     return made
-
-
-def _taken(floes: fb.Floes, keep: np.ndarray) -> fb.Floes:
-    names = ("x", "y", "radius", "thickness", "u", "v", "motion")
-    return fb.Floes(**{name: getattr(floes, name)[keep] for name in names})
 
 
 class Found(NamedTuple):
