@@ -267,10 +267,10 @@ class SeaIceFloes(Component):
             if named:
                 raise InputError(f"SeaIceFloes: {named[0]} is given beside a scene: say it there")
             self._model = _of_scene(scene, cells)
-            _check_looped(grid, self._model.domain)
+            _check_looped(grid, cells, self._model.domain)
         else:
             domain = _box(grid, cells, edges) if domain is None else domain
-            _check_looped(grid, domain)
+            _check_looped(grid, cells, domain)
             if floes is None:
                 floes = self._made(cells, domain, concentration, thickness, sizes, coast, seed)
             if coast is not None:
@@ -545,9 +545,9 @@ def _looped(grid: ModelGrid) -> tuple[bool, bool]:
     )
 
 
-def _check_looped(grid: ModelGrid, domain: Domain) -> None:
+def _check_looped(grid: ModelGrid, cells: Grid, domain: Domain) -> None:
     """Raise InputError if the grid is looped where the domain is not periodic, or the periods differ."""
-    own = _box(grid, cells_of(grid), "inactive")
+    own = _box(grid, cells, "inactive")
     for axis, wanted, length in zip("xy", own.period, domain.period, strict=True):
         if wanted is not None and (length is None or not math.isclose(length, wanted)):
             raise InputError(
