@@ -7,7 +7,7 @@ radius with a slightly smaller one that is less squeezed.  The set of sizes stay
 
 import numpy as np
 
-from floebmi.boundaries import Domain
+from floebmi.boundaries import EDGES, Domain
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs
 from floebmi.pairs import wrap
@@ -48,17 +48,10 @@ def press(
     pressed[:n] *= 1 + SPARE
     mobile = np.zeros(len(all_x))
     movable = np.concatenate([free, np.zeros(len(discs), bool)])
-    box = np.array(
-        [
-            at if getattr(domain, edge) in walls else far
-            for edge, at, far in (
-                ("west", domain.x[0], -np.inf),
-                ("east", domain.x[1], np.inf),
-                ("south", domain.y[0], -np.inf),
-                ("north", domain.y[1], np.inf),
-            )
-        ]
-    )
+    box = np.array([
+        domain.position(edge) if getattr(domain, edge) in walls else far
+        for edge, far in zip(EDGES, (-np.inf, np.inf, -np.inf, np.inf), strict=True)
+    ])  # fmt: skip
     lengths = np.array([np.inf if length is None else length for length in domain.period])
     # what is fixed needs no skin; five times its radius, a guard of the shore still does not reach
     # the next
@@ -85,8 +78,7 @@ def press(
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
         steps, worst, moved = _push(
             all_x, all_y, pressed, mobile, i, j, lengths, box, n, start_x, start_y,
-            skin / 2 - grown, SPARE, every - done % every,
-            OVERSHOOT if done < 0.8 * sweeps else CALM,
+            skin / 2 - grown, every - done % every, OVERSHOOT if done < 0.8 * sweeps else CALM,
         )  # fmt: skip
         done += steps
         complete = moved + grown < skin / 2  # no pair has come near that is not in the list
@@ -126,10 +118,8 @@ def distances(
 
 
 @jit
-def _push(
-    x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, enough, sweeps, overshoot
-):  # fmt: skip
-    """Sweep over the pairs until overlaps are below `enough` or a floe has moved by `slack`.
+def _push(x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, sweeps, overshoot):
+    """Sweep over the pairs until overlaps are below `SPARE` or a floe has moved by `slack`.
 
     Returns sweeps done, largest overlap met in the last one over the smaller radius, largest
     distance moved.
@@ -166,7 +156,7 @@ def _push(
                 x[k] = max(min(x[k], east - r[k]), west + r[k])
                 y[k] = max(min(y[k], north - r[k]), south + r[k])
                 far = max(far, (x[k] - start_x[k]) ** 2 + (y[k] - start_y[k]) ** 2)
-        if worst < enough or far > slack * slack:
+        if worst < SPARE or far > slack * slack:
             return sweep + 1, worst, np.sqrt(far)
     return sweeps, worst, np.sqrt(far)
 
