@@ -180,7 +180,7 @@ def basin(
 
 
 class Found(NamedTuple):
-    """worst : residual of the ledger; water : of the water's own budget; volume : [m³] lost; seiche : with ice over without."""
+    """worst : residual of the ledger; water : of the water's own budget; volume : lost, over that of the basin; seiche : with ice over without."""
 
     worst: float
     water: float
