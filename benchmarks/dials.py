@@ -208,8 +208,7 @@ def seldom(model: fb.Model, windows: int = 4) -> Seldom:
 def single(model: fb.Model) -> tuple[float, float]:
     """Error of contact forces from relative positions in single precision; how many times as fast they are."""
     pairs, f = near(model, 0.5 * 0.3 * model.floes.radius.min()), model.floes
-    forces, best = [], [np.inf, np.inf]
-    arguments = []
+    arguments, forces, best = [], [], [np.inf, np.inf]
     for kind in (np.float64, np.float32):
         floes = np.stack([f.radius, f.thickness], axis=1).astype(kind)
         branch = np.stack([pairs.dx, pairs.dy], axis=1).astype(kind)  # as from places within cells

@@ -26,6 +26,7 @@ from floebmi.sizes import Sizes, check_sizes, csv_lines
 
 CLOSE_ENOUGH = 0.005  # accepted relative error of the concentration
 WHOLE_ROWS = 0.03  # accepted relative error of the concentration of a lattice
+HEIGHT = {"hexagonal": np.sqrt(0.75), "square": 1.0}  # of a row of a lattice, in spacings
 
 
 class IceNotPlaced(UserWarning):
@@ -253,7 +254,7 @@ def regular(
         (the message gives the nearest).
     """
     check_domain(domain)
-    check_word("lattice", lattice, ("hexagonal", "square"))
+    check_word("lattice", lattice, HEIGHT)
     if (spacing is None) == (concentration is None):
         raise InputError("give either concentration or spacing")
     check_length("radius", radius)
@@ -370,14 +371,14 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
 
 
 class _Rows(NamedTuple):
-    """A lattice: spacing along x and y [m], floes in even and odd rows, number of rows, shift of odd rows."""
+    """A lattice, as rows of floes along x."""
 
-    dx: float
-    dy: float
-    even: int
+    dx: float  # from floe to floe in a row [m]
+    dy: float  # from row to row [m]
+    even: int  # floes in an even row
     odd: int
     rows: int
-    shift: float
+    shift: float  # of the odd rows [m]
     stretch: float  # of the lattice along x against y, 0 if there is none
 
     @property
@@ -386,6 +387,7 @@ class _Rows(NamedTuple):
 
     @property
     def nearest(self) -> float:
+        """Distance between the nearest centres [m]."""
         between = np.hypot(self.shift, self.dy) if self.rows > 1 else np.inf
         return min(self.dx if self.even > 1 else np.inf, between)
 
@@ -395,8 +397,7 @@ def _rows(
 ) -> _Rows:
     long_x, long_y = domain.x[1] - domain.x[0], domain.y[1] - domain.y[0]
     periodic_x, periodic_y = (length is not None for length in domain.period)
-    hexagonal = lattice == "hexagonal"
-    height = np.sqrt(0.75) if hexagonal else 1.0
+    hexagonal, height = lattice == "hexagonal", HEIGHT[lattice]
     dx, dy = spacing * stretch, spacing * height / stretch
     if periodic_x:
         even = odd = max(1, round(long_x / dx))
@@ -420,8 +421,7 @@ def _rows_of_concentration(
 ) -> _Rows:
     """The fitting lattice whose concentration is nearest to the given one, stretched as little as that allows."""
     _check_concentration(concentration)
-    per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
-    ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
+    ideal = np.sqrt(np.pi * radius**2 / (HEIGHT[lattice] * concentration))
     # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
     trials = [
         _rows(domain, radius, ideal * factor, lattice, stretch)

@@ -36,9 +36,9 @@ def press(
     """Push floes apart, in place; the largest overlap left, over the smaller radius.
 
     Floes stay inside edges that are one of the words in `walls`, and clear of the fixed `discs`.
-    With `rng`, radii are swapped among the floes, or floes of a single size shaken.  In fields of
-    ice `idle` floes, that touch nothing, keep their radius, or swaps would carry ice from dense
-    parts to thin ones.
+    With `rng`, radii are swapped among the floes, or floes of a single size shaken.  `idle` : whether
+    floes that touch nothing take part; in fields of ice they must not, or swaps would carry ice from
+    dense parts to thin ones.
     """
     n = len(x)
     all_x, all_y, size = (
