@@ -316,7 +316,8 @@ class Feeder:
         _check_edge("inflow", inflow.edge, domain)
         for name in ("velocity", "span"):
             pair = getattr(inflow, name)
-            if pair is not None and not (isinstance(pair, Sized) and len(pair) == 2):
+            sized = isinstance(pair, Sized) and np.iterable(pair)  # one number of numpy is not
+            if pair is not None and not (sized and len(pair) == 2):
                 raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
         check_sizes(inflow.sizes)
