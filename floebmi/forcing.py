@@ -259,6 +259,7 @@ class VelocityFile:
         check_word("vectors", vectors, get_args(Vectors))
         check_word("stagger", stagger, get_args(Stagger))
         check_text("units", units)
+        check_text("calendar", calendar)
         two = isinstance(variables, tuple | list) and len(variables) == 2
         if variables is not None and not two:
             raise InputError(f"variables = {in_line(variables)}: must be two names, of u and of v")
