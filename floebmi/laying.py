@@ -14,8 +14,7 @@ from floebmi.barrier import Barrier, cell_at
 from floebmi.errors import InputError
 from floebmi.grid import Grid
 from floebmi.kernels import jit
-from floebmi.neighbours import find_pairs
-from floebmi.pressing import distances, press, some_free
+from floebmi.pressing import distances, pairs_to_press, press
 
 ROUNDS = 6  # in which floes that found no room are laid elsewhere
 FEW = 0.005  # share of the floes that is left out first, where a pack jams
@@ -315,8 +314,7 @@ def _unplaced(x: np.ndarray, y: np.ndarray, radius: np.ndarray, barrier: Barrier
         if length is None:
             left |= (centre - radius < low) | (centre + radius > high)
     bad = np.where(left, np.inf, 0.0)
-    _, i, j, _ = find_pairs(all_x, all_y, size, domain.period)
-    i, j = some_free(i, j, np.arange(len(size)) < n)
+    i, j = pairs_to_press(all_x, all_y, size, np.arange(len(size)) < n, domain)
     overlap = size[i] + size[j] - distances(all_x, all_y, i, j, domain)
     for k in np.argsort(-overlap, kind="stable"):
         if overlap[k] <= 0:

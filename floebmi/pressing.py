@@ -71,8 +71,7 @@ def press(
             skin = min(typical * min(max(2 * worst, SKIN[0]), SKIN[1]), widest)
             all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
             reach = np.concatenate([pressed[:n] + skin / 2, still])
-            _, i, j, _ = find_pairs(all_x, all_y, reach, domain.period)
-            i, j = some_free(i, j, movable)
+            i, j = pairs_to_press(all_x, all_y, reach, movable, domain)
             # a small floe gives way to a large one, but not so much that it is caught between two
             mobile[:n] = free / size[:n]
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
@@ -96,16 +95,16 @@ def press(
                 grown += _swap(size, pressed, squeezed, order, apart, first, idle)
     all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
     x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
-    _, i, j, _ = find_pairs(all_x, all_y, size, domain.period)
-    i, j = some_free(i, j, movable)
+    i, j = pairs_to_press(all_x, all_y, size, movable, domain)
     return _worst(all_x, all_y, size, n, i, j, lengths)
 
 
-def some_free(i: np.ndarray, j: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of which at least one can move."""
-    if free.all():
-        return i, j
-    keep = free[i] | free[j]
+def pairs_to_press(
+    x: np.ndarray, y: np.ndarray, reach: np.ndarray, movable: np.ndarray, domain: Domain
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs within their reaches of each other, of which at least one can move."""
+    _, i, j, _ = find_pairs(x, y, reach, domain.period)
+    keep = movable[i] | movable[j]
     return i[keep], j[keep]
 
 
