@@ -15,21 +15,7 @@ import numpy as np
 import floebmi as fb
 from benchmarks.limit import SLOW, pack
 from floebmi.advance import Advance
-from floebmi.columns import (
-    DU,
-    DV,
-    DX,
-    DY,
-    FX,
-    FY,
-    H_I,
-    H_J,
-    LANES,
-    R_I,
-    R_J,
-    gather,
-    scatter,
-)
+from floebmi.columns import DU, DV, DX, DY, FX, FY, H_I, H_J, LANES, R_I, R_J, gather, scatter
 from floebmi.dynamics import verlet
 from floebmi.kernels import BLOCK, in_place
 from floebmi.pairs import BONDS
@@ -218,13 +204,13 @@ class Pack:
 
     def package(self, steps: int) -> float:
         """Take steps as `Model.advance` does; returns the energy lost with broken bonds [J]."""
-        now, books = self.now, self.now._books()
+        now, tally = self.now, self.now._tally()
         none = np.zeros(1, np.int64)
         verlet(
-            now._laws(), (), (), now.packed, now.lists, now.walls, books, 0.5 * self.dt, np.inf,
+            now._laws(), (), (), now.packed, now.lists, now.walls, tally, 0.5 * self.dt, np.inf,
             self.dt, steps, none, now.marked, 0.0, np.inf, 1, now.lag, now.buffers,
         )  # fmt: skip
-        return float(books.lost[:, BONDS].sum())
+        return float(tally.lost[:, BONDS].sum())
 
     def hand(self, steps: int, strength: float = 1.0) -> float:
         """The same with the kernel written by hand; strength : of its bonds, over that of the package's."""

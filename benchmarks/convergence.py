@@ -6,6 +6,8 @@ to the host.  From column to column the cell size of both grids is halved.  Radi
 The order is the slope between the last two columns.
 """
 
+import argparse
+
 import numpy as np
 
 from coupling.regrid import Regrid
@@ -69,6 +71,7 @@ def errors(n: int) -> dict[str, float]:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     rows = [errors(n) for n in CELLS]
     print(f"{'':<48}" + "".join(f"{f'{n} × {n}':>12}" for n in CELLS) + f"{'order':>8}")
     for name in rows[0]:

@@ -1,14 +1,12 @@
 """Floe-steps per second of a dense periodic pack: `python -m benchmarks.dense [--floes 10000] [--ratio 2]`.
 
-Discs at packing 0.85 with random velocities, double precision, one core.  The contact laws take turns, and the best of
-each is printed, since other work on the machine can only slow a run down.
+Discs at packing 0.85 with random velocities, double precision, one core.  The contact laws take turns.
 """
 
 import argparse
-import time
 
 import floebmi as fb
-from benchmarks.packs import scattered
+from benchmarks.packs import cost, scattered, steps_of_a_repeat
 
 
 def main() -> None:
@@ -32,21 +30,13 @@ def main() -> None:
         )
         for name, (contact, forces, every) in laws.items()
     }
-    steps = max(100, 2_000_000 // len(floes))
     for model in models.values():
         model.advance(20 * model.longest_step())  # compiles
-    best = dict.fromkeys(models, 0.0)
-    for _ in range(options.repeats):
-        for name, model in models.items():
-            before, duration = model.counters.floe_steps, steps * model.longest_step()
-            start = time.perf_counter()
-            model.advance(duration)
-            speed = (model.counters.floe_steps - before) / (time.perf_counter() - start)
-            best[name] = max(best[name], speed)
+    spent, steps = cost(models, options.repeats), steps_of_a_repeat(len(floes))
     print(f"{len(floes)} floes, size ratio {options.ratio:g}, packing 0.85, {steps} steps a repeat")
-    for name, speed in best.items():
-        ratio = speed / best["frictional"]
-        print(f"  {name:<32}{speed / 1e6:8.1f} million floe-steps/s{ratio:8.2f} × frictional")
+    for name, each in spent.items():
+        ratio = spent["frictional"] / each
+        print(f"  {name:<32}{1e3 / each:8.1f} million floe-steps/s{ratio:8.2f} × frictional")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ count the arithmetic saved as if managing it cost nothing.  For comparison stand
 little for long steps to gain: drag that acts only every few steps.
 """
 
+import argparse
 import time
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 import floebmi as fb
 from floebmi.floes import FIXED
 from floebmi.neighbours import find_pairs
+from floebmi.pairs import wrap
 
 WINDOW = 50  # steps after which floes are looked at
 STILL = 1e-4, 1e-6  # of its radius that a floe at rest moves in a window, at most
@@ -70,12 +72,8 @@ class Pairs(NamedTuple):
 def near(model: fb.Model, reach: float) -> Pairs:
     """Pairs whose gap is less than twice `reach` [m]."""
     f, period = model.floes, model.domain.period
-    found = find_pairs(f.x, f.y, f.radius + reach, period)
-    i, j = np.asarray(found.i), np.asarray(found.j)
-    dx, dy = (
-        d if p is None else d - p * np.rint(d / p)
-        for d, p in zip((f.x[j] - f.x[i], f.y[j] - f.y[i]), period, strict=True)
-    )
+    _, i, j, _ = find_pairs(f.x, f.y, f.radius + reach, period)
+    dx, dy = wrap(period[0], f.x[j] - f.x[i]), wrap(period[1], f.y[j] - f.y[i])
     distance = np.hypot(dx, dy)
     rate = ((f.u[j] - f.u[i]) * dx + (f.v[j] - f.v[i]) * dy) / distance
     return Pairs(i, j, dx, dy, distance - f.radius[i] - f.radius[j], rate)
@@ -210,8 +208,7 @@ def seldom(model: fb.Model, windows: int = 4) -> Seldom:
 def single(model: fb.Model) -> tuple[float, float]:
     """Error of contact forces from relative positions in single precision; how many times as fast they are."""
     pairs, f = near(model, 0.5 * 0.3 * model.floes.radius.min()), model.floes
-    forces, best = [], [np.inf, np.inf]
-    arguments = []
+    arguments, forces, best = [], [], [np.inf, np.inf]
     for kind in (np.float64, np.float32):
         floes = np.stack([f.radius, f.thickness], axis=1).astype(kind)
         branch = np.stack([pairs.dx, pairs.dy], axis=1).astype(kind)  # as from places within cells
@@ -255,6 +252,7 @@ def _push(floes, branch, i, j, nothing, buffer, force):
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     columns = (
         "scene", "floes", "contacts", "multirate: floes", "pairs",
         *(name for still in STILL for name in (f"at rest, {still:g} r", "gain", "error of ways")),

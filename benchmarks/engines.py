@@ -28,13 +28,13 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import floebmi as fb
+from benchmarks.packs import scattered
 
 DECKS = Path(__file__).parent / "decks"
 FLOEBMI = {"floebmi": "frictional", "floebmi-drag": "drag", "floebmi-cohesive": "cohesive"}
@@ -107,24 +107,18 @@ def write(floes: fb.Floes, side: float, folder: Path) -> None:
         out.writelines(f"{k} {u!r} {v!r} 0 0 0 0\n" for k, (*_, u, v) in enumerate(rows, 1))
 
 
-def periodic(side: float) -> fb.Domain:
-    return fb.Domain((0, side), (0, side), *["periodic"] * 4)
-
-
 def pack(root: Path, n: int, ratio: float, kind: str, steps: int | None) -> Scene:
     """A pack of about n floes; one that lies in the folder already is not made again."""
     folder = root / f"{n}-{ratio:g}-{kind}"
     if not (folder / "scene.json").exists():
         folder.mkdir(parents=True, exist_ok=True)
-        sizes = fb.PowerLaw(1.0, ratio, -1.8)
-        wide = math.sqrt(n * sizes.mean_area() / PACKS[kind])
-        floes = fb.scatter(periodic(wide), sizes, concentration=PACKS[kind], seed=1)
+        domain, floes = scattered(n, ratio, PACKS[kind], speed=0.5)
         press = math.sqrt(PACKS[kind] / 0.85)
-        side = press * wide
+        side = press * domain.x[1]
         floes.x[:], floes.y[:] = press * floes.x, press * floes.y
-        floes.u[:], floes.v[:] = np.random.default_rng(0).normal(0, 0.5, (2, len(floes)))
+        pressed = domain._replace(x=(0, side), y=(0, side))
         step = fb.Step(fraction=FRACTION)
-        dt = fb.Model(periodic(side), floes.copy(), fb.frictional(), step=step).longest_step()
+        dt = fb.Model(pressed, floes.copy(), fb.frictional(), step=step).longest_step()
         write(floes, side, folder)
         (folder / "scene.json").write_text(json.dumps({"floes": len(floes), "dt": float(dt)}))
     known = json.loads((folder / "scene.json").read_text())
@@ -133,7 +127,7 @@ def pack(root: Path, n: int, ratio: float, kind: str, steps: int | None) -> Scen
     return Scene(name, folder, known["floes"], ratio, known["dt"], min(WARM, steps), steps)
 
 
-def collision(root: Path, warm: int, steps: int) -> Scene:
+def collision(root: Path) -> Scene:
     """Two unequal discs that meet off centre at the first step and touch for some 27 steps."""
     folder = root / "two"
     folder.mkdir(parents=True, exist_ok=True)
@@ -141,7 +135,7 @@ def collision(root: Path, warm: int, steps: int) -> Scene:
     x = [20.0, 20.0 + distance * math.cos(angle)]
     y = [20.0, 20.0 + distance * math.sin(angle)]
     write(fb.Floes(x, y, [1.0, 1.5], 1.0, [0.5, -0.5], 0.0), 40.0, folder)
-    return Scene("two discs", folder, 2, 1.5, 1e-3, warm, steps)
+    return Scene("two discs", folder, 2, 1.5, 1e-3, warm=14, steps=100)
 
 
 # ---- the engines ------------------------------------------------------------------------------------
@@ -162,16 +156,15 @@ def command_of(engine: str, program: str, scene: Scene, skin: float, style: str)
     return [program, "-in", str(DECKS / f"in.{engine}"), "-log", "none", *variables]
 
 
-def read_json(engine: str, out: str) -> Turn:
+def read_json(out: str) -> Turn:
     line = next(line for line in out.splitlines() if line.startswith('{"seconds"'))
     return Turn(**json.loads(line))
 
 
-def read_log(engine: str, out: str) -> Turn:
+def read_log(out: str) -> Turn:
     """The second of three runs is the timed one; the first and the last print the state."""
     seconds = float(re.findall(r"Loop time of (\S+) on", out)[1])
-    pattern = r"Neigh   \| (\S+)" if engine == "lammps" else r"Neigh time \(%\) = (\S+)"
-    rebuild = float(re.findall(pattern, out)[1])
+    rebuild = float(re.findall(r"Neigh (?:  \||time \(%\) =) (\S+)", out)[1])
     rebuilds = int(re.findall(r"Neighbor list builds = (\d+)", out)[1])
     rows = re.findall(r"^ *(\d+) +(\S+) +(\S+) +(\S+) *$", out, re.MULTILINE)
     # both take the moment of inertia of a ball, 2/5 m r², for the energy of rotation that they print
@@ -199,9 +192,8 @@ def take_turn(engine: str, program: str, scene: Scene, tuned: tuple[float, str])
         process.returncode = os.waitstatus_to_exitcode(status)
         out.seek(0)
         text = out.read()
-    read: Callable[[str, str], Turn] = read_log if engine in ("lammps", "liggghts") else read_json
     try:
-        turn = read(engine, text)
+        turn = read_log(text) if engine in ("lammps", "liggghts") else read_json(text)
     except (IndexError, StopIteration):
         tail = "\n".join(text.splitlines()[-15:])
         raise RuntimeError(f"{engine} did not finish ({process.returncode}):\n{tail}") from None
@@ -237,7 +229,7 @@ def compare_collision(root: Path, found: dict[str, str]) -> dict[str, int]:
     """Two discs in every engine: half-way through the contact and after it; memory of a bare process."""
     bare = {}
     print(f"{'two discs':<20}{'in contact: energy, of rotation [J]':>40}{'after it':>30}")
-    scene = collision(root, 14, 100)
+    scene = collision(root)
     for engine, program in found.items():
         turn = take_turn(engine, program, scene, (0.5, "bin"))
         bare[engine] = turn.memory

@@ -1,20 +1,18 @@
 """Cost and memory against number, sizes and packing of floes: `python -m benchmarks.growth [--figure FILE]`.
 
 Frictional discs in a periodic square with random velocities, double precision, one core: 10 000 floes, size ratio 2,
-packing 0.85, with one of the three varied.  Scenes take turns and the best of each counts, so that other work on the
-machine affects all alike.  Memory is that of the arrays which a model and its neighbour list hold between two
+packing 0.85, with one of the three varied.  Scenes take turns.  Memory is that of the arrays which a model and its neighbour list hold between two
 rebuilds, counted one by one, per floe and per listed pair; and the growth of the process at its peak.
 """
 
 import argparse
 import resource
-import time
 from pathlib import Path
 
 import numpy as np
 
 import floebmi as fb
-from benchmarks.packs import scattered
+from benchmarks.packs import cost, scattered
 from floebmi.advance import Advance
 from floebmi.plot import LINES, graph
 
@@ -33,21 +31,6 @@ def pack(
     model = fb.Model(*scattered(n, ratio, packing), contact=contact or fb.frictional())
     model.advance(20 * model.longest_step())  # compiles
     return model
-
-
-def cost(
-    models: dict[float, fb.Model], repeats: int, floe_steps: float = 2e6
-) -> dict[float, float]:
-    """Best time of a floe-step [ns], rebuilds of the neighbour list included."""
-    best = dict.fromkeys(models, np.inf)
-    for _ in range(repeats):
-        for name, model in models.items():
-            duration = max(300, floe_steps // len(model.floes)) * model.longest_step()
-            before, start = model.counters.floe_steps, time.perf_counter()
-            model.advance(duration)
-            spent = time.perf_counter() - start
-            best[name] = min(best[name], spent / (model.counters.floe_steps - before))
-    return {name: 1e9 * value for name, value in best.items()}
 
 
 def table(what: str, spent: dict[float, float]) -> None:

@@ -119,9 +119,9 @@ def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
     laws, tiles = now._laws(), len(now.lists.tiles.bounds) - 1
     lists = now.lists
     narrow(*now.period, now.packed.floes, lists.near, 0, tiles, lists.gap, lists.skin)
-    none, books = np.zeros(1, np.int64), now._books()
+    none, tally = np.zeros(1, np.int64), now._tally()
     scene = laws, (), (), now.packed, lists, now.walls
-    what = 0, tiles, False, True, (dt, 0.0), dt, 0.0, none, books, (*now.buffers, lists.blows)
+    what = 0, tiles, False, True, (dt, 0.0), dt, 0.0, none, tally, (*now.buffers, lists.blows)
     return lambda: sweep(*scene, *what)
 
 

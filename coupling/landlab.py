@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import numpy as np
 from landlab import (
@@ -39,17 +39,17 @@ from coupling.books import Books
 from coupling.connection import is_per_area
 from coupling.ledger import Exchange
 from floebmi.arrays import digest
-from floebmi.boundaries import Domain, Edge
+from floebmi.boundaries import Domain, Edge, check_domain
 from floebmi.coast import Coast, on_land
 from floebmi.contact import Contact, frictional
-from floebmi.errors import InputError
+from floebmi.errors import InputError, check_word
 from floebmi.floes import Floes
 from floebmi.forces import AirDrag, CoriolisField, Force, OceanDrag, Tilt
 from floebmi.grid import Grid
 from floebmi.gridding import area_budget
 from floebmi.model import Model
 from floebmi.packing import from_field, scatter
-from floebmi.quantities import is_number
+from floebmi.quantities import is_number, two_numbers
 from floebmi.scene import read_scene
 from floebmi.sizes import Sizes, UniformSize
 from floebmi.variables import FLOE_VARIABLES, Variable, find, inputs, outputs
@@ -231,6 +231,7 @@ class SeaIceFloes(Component):
         rescue: str | Path | None = None,
     ) -> None:
         cells = cells_of(grid)
+        check_word("SeaIceFloes: edges", edges, get_args(Edge))
         _check_units(grid, "SeaIceFloes")
         for row in _INPUTS:
             if row.csdms not in grid.at_node:
@@ -267,10 +268,11 @@ class SeaIceFloes(Component):
             if named:
                 raise InputError(f"SeaIceFloes: {named[0]} is given beside a scene: say it there")
             self._model = _of_scene(scene, cells)
-            _check_looped(grid, self._model.domain)
+            _check_looped(grid, cells, self._model.domain)
         else:
             domain = _box(grid, cells, edges) if domain is None else domain
-            _check_looped(grid, domain)
+            check_domain(domain)
+            _check_looped(grid, cells, domain)
             if floes is None:
                 floes = self._made(cells, domain, concentration, thickness, sizes, coast, seed)
             if coast is not None:
@@ -327,9 +329,10 @@ class SeaIceFloes(Component):
                 " made from a concentration"
             )
         if isinstance(sizes, Sequence | np.ndarray) and not hasattr(sizes, "_fields"):
-            if len(sizes) != 2 or not all(map(is_number, sizes)):
+            radii = two_numbers(sizes)
+            if radii is None:
                 raise InputError(f"SeaIceFloes: sizes = {sizes}: must be (smallest, largest) [m]")
-            sizes = UniformSize(float(sizes[0]), float(sizes[1]))
+            sizes = UniformSize(*radii)
         if concentration is not None:
             return scatter(domain, sizes, concentration, thickness=thickness, seed=seed, land=coast)
         at_cell = [fields[name][self._grid.node_at_cell] for name in (FRACTION, THICKNESS)]
@@ -545,9 +548,9 @@ def _looped(grid: ModelGrid) -> tuple[bool, bool]:
     )
 
 
-def _check_looped(grid: ModelGrid, domain: Domain) -> None:
+def _check_looped(grid: ModelGrid, cells: Grid, domain: Domain) -> None:
     """Raise InputError if the grid is looped where the domain is not periodic, or the periods differ."""
-    own = _box(grid, cells_of(grid), "inactive")
+    own = _box(grid, cells, "inactive")
     for axis, wanted, length in zip("xy", own.period, domain.period, strict=True):
         if wanted is not None and (length is None or not math.isclose(length, wanted)):
             raise InputError(

@@ -42,9 +42,10 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import Literal, final
 
 import numpy as np
+from scipy.sparse import csr_array, kron
 
 from floebmi.arrays import digest
 from floebmi.errors import InputError, check_word
@@ -52,9 +53,6 @@ from floebmi.files import attributes_of, check_target, in_one_go, new_file, path
 from floebmi.grid import Grid, check_grid
 from floebmi.projection import to_plane
 from floebmi.quantities import flat, is_number, unmasked
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 Normalisation = Literal["fraction", "destination_area"]
 Surface = Literal["plane", "sphere"]
@@ -330,7 +328,6 @@ class Regrid:
             (their checksums are compared).
         """
         import netCDF4
-        from scipy.sparse import csr_array
 
         check_grid("source", source)
         check_grid("target", target)
@@ -448,11 +445,9 @@ def sphere_area(grid: Grid, radius: float = EARTH_RADIUS) -> np.ndarray:
     check_grid("grid", grid)
     _check_radius(radius)
     if grid.x_edges is not None and grid.y_edges is not None:
-        south, north = np.radians(grid.y_edges[:-1]), np.radians(grid.y_edges[1:])
-        height = 2 * np.cos(0.5 * (south + north)) * np.sin(0.5 * (north - south))
+        height = _sine_difference(grid.y_edges[1:], grid.y_edges[:-1])
         return radius**2 * np.outer(height, np.diff(np.radians(grid.x_edges))).ravel()
-    corner = _on_sphere(grid.corner_x, grid.corner_y)
-    return radius**2 * np.abs(_triangles(corner[:, :1], corner[:, :-1], corner[:, 1:]).sum(1))
+    return radius**2 * _fans(_on_sphere(grid.corner_x, grid.corner_y))
 
 
 def _check_radius(radius: float) -> None:
@@ -494,8 +489,6 @@ def _refuse_doubles(one: str, other: str, covered: np.ndarray) -> None:
 
 
 def _wet_only(overlap: csr_array, source: Grid, target: Grid) -> csr_array:
-    from scipy.sparse import csr_array
-
     entries = overlap.tocoo()
     row, column = entries.coords
     kept = target.wet[row] & source.wet[column] & (entries.data > 0)
@@ -507,7 +500,6 @@ def _wet_only(overlap: csr_array, source: Grid, target: Grid) -> csr_array:
 
 def _overlaps_plane(source: Grid, target: Grid) -> tuple[csr_array, np.ndarray, np.ndarray]:
     import shapely
-    from scipy.sparse import csr_array, kron
 
     if source.x_edges is not None and target.x_edges is not None:
         along_x = _overlaps_1d(source.x_edges, target.x_edges, np.subtract)
@@ -529,8 +521,6 @@ def _overlaps_1d(
     source_edges: np.ndarray, target_edges: np.ndarray, length: Callable[..., np.ndarray]
 ) -> csr_array:
     """Overlaps of intervals on an axis (target, source); the two sets of edges together cut the axis into pieces."""
-    from scipy.sparse import csr_array
-
     edges = np.union1d(source_edges, target_edges)
     west, east = edges[:-1], edges[1:]
     i = np.searchsorted(target_edges, west, side="right") - 1
@@ -552,7 +542,6 @@ def _cut(
 ) -> csr_array:
     """Areas of overlap of wet cells given as polygons; None stands for a cell that cannot overlap any."""
     import shapely
-    from scipy.sparse import csr_array
 
     wet_source = np.flatnonzero(source.wet & ~shapely.is_missing(source_cells))
     wet_target = np.flatnonzero(target.wet)
@@ -570,7 +559,6 @@ def _overlaps_sphere(
     source: Grid, target: Grid, radius: float
 ) -> tuple[csr_array, np.ndarray, np.ndarray]:
     import shapely
-    from scipy.sparse import csr_array, kron
 
     _check_radius(radius)
     for side, grid in (("source", source), ("target", target)):
@@ -613,10 +601,7 @@ def _overlaps_sphere(
     source_cells = np.full(source.size, None, object)
     source_cells[near] = shapely.polygons(_gnomonic(rings[0][near], axes))
     target_cells = shapely.polygons(_gnomonic(rings[1], axes))
-    areas = [
-        radius**2 * np.abs(_triangles(ring[:, :1], ring[:, :-1], ring[:, 1:]).sum(axis=1))
-        for ring in rings
-    ]
+    areas = [radius**2 * _fans(ring) for ring in rings]
 
     def measure(pieces: np.ndarray) -> np.ndarray:
         return radius**2 * _areas_on_sphere(pieces, axes)
@@ -651,8 +636,8 @@ def _ring(grid: Grid) -> np.ndarray:
         eastward = west + (east - west) * along
         eastward[:, -1:] = east  # the neighbour's west, to the last bit
         longitude = np.concatenate([eastward, eastward[:, ::-1]], axis=1)
-        flat = np.ones_like(eastward)
-        latitude = np.concatenate([south * flat, north * flat], axis=1)
+        ones = np.ones_like(eastward)
+        latitude = np.concatenate([south * ones, north * ones], axis=1)
     ring = _on_sphere(longitude, latitude)
     return np.concatenate([ring, ring[:, :1]], axis=1)
 
@@ -687,6 +672,11 @@ def _triangles(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return 2 * np.arctan2(dot(a, np.cross(b - a, c - a)), 1 + dot(a, b) + dot(b, c) + dot(c, a))
 
 
+def _fans(corner: np.ndarray) -> np.ndarray:
+    """Areas of great-circle polygons (n, corners, 3) on the unit sphere, in triangles about the first corner: (n,)."""
+    return np.abs(_triangles(corner[:, :1], corner[:, :-1], corner[:, 1:]).sum(axis=1))
+
+
 def _areas_on_sphere(pieces: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Areas on the unit sphere of shapes drawn in the gnomonic plane: (n,)."""
     import shapely
@@ -695,8 +685,8 @@ def _areas_on_sphere(pieces: np.ndarray, axes: np.ndarray) -> np.ndarray:
     solid = shapely.get_dimensions(parts) == 2  # cells that only touch leave points and lines
     parts, piece = parts[solid], piece[solid]
     # Cells have no holes, so neither has what two of them share: the outer ring is all.
-    flat, part = shapely.get_coordinates(shapely.get_exterior_ring(parts), return_index=True)
-    points = np.concatenate([flat, np.ones((len(flat), 1))], axis=1) @ axes
+    drawn, part = shapely.get_coordinates(shapely.get_exterior_ring(parts), return_index=True)
+    points = np.concatenate([drawn, np.ones((len(drawn), 1))], axis=1) @ axes
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     first = points[np.searchsorted(part, part[:-1])]
     fan = np.where(part[1:] == part[:-1], _triangles(first, points[:-1], points[1:]), 0.0)

@@ -31,6 +31,7 @@ from __future__ import annotations
 from typing import Literal, final
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from floebmi.errors import InputError, check_word, in_line
 from floebmi.grid import Grid, check_grid
@@ -146,8 +147,6 @@ class Staggered:
         open: np.ndarray | None = None,
         area: np.ndarray | None = None,
     ) -> None:
-        from scipy.sparse import csr_array
-
         _structured(grid)
         check_word("where", where, ("u", "v", "corners"))
         flags = list(periodic) if isinstance(periodic, tuple | list) else []

@@ -35,6 +35,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, final
 
 import numpy as np
+from scipy.sparse import diags_array
 
 from coupling.books import Books
 from coupling.ledger import Exchange
@@ -190,10 +191,9 @@ class SeaIce:
 
     def at_cells(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Surface velocity at the ice's cells, flat (y, x), from Veros' U and V points with ghost cells."""
-        west, south = (
+        return tuple(
             self._on[name].state(self._points(of, name)) for name, of in (("u", u), ("v", v))
         )
-        return west, south
 
     # ---- coupling -----------------------------------------------------------------------------------------
 
@@ -361,14 +361,5 @@ def _digest(state: Any) -> str:
 
 def _mean_of_cells(points: Staggered) -> Any:
     """Mean of the cells beside each open point, as a sparse matrix (points, cells)."""
-    from scipy.sparse import csr_array
-
-    count = np.diff(points.weights.indptr)
-    return csr_array(
-        (
-            np.repeat(1.0 / np.maximum(count, 1), count),
-            points.weights.indices,
-            points.weights.indptr,
-        ),
-        shape=points.weights.shape,
-    )
+    beside = points.weights > 0
+    return diags_array(1.0 / np.maximum(beside.sum(axis=1), 1)) @ beside

@@ -26,6 +26,7 @@ from floebmi.running import Report
 
 POINT = Path(__file__).parent / "gallery" / "drift_29_days.nc"
 SIDE = 70e3  # of the box [m]
+BOX = fb.Domain((0, SIDE), (0, SIDE), "periodic", "periodic", "periodic", "periodic")
 SPREAD = 0.3  # standard deviation of the logarithm of thickness
 OCEAN, AIR = DRAG_PRESETS["constant-cd"]
 CORIOLIS = fb.Coriolis(2 * 7.2921e-5 * np.sin(np.radians(80.21)))
@@ -65,10 +66,9 @@ def drift(
     path: Path, to: Path, floes: fb.Floes, contact: fb.Contact | None, hours: float
 ) -> tuple[Drift, Report]:
     """Run floes in the box; returns the mass-weighted mean velocity of the free ones, every hour."""
-    domain = fb.Domain((0, SIDE), (0, SIDE), "periodic", "periodic", "periodic", "periodic")
-    grid = fb.Grid.uniform(domain.x, domain.y, spacing=SIDE / 2)
+    grid = fb.Grid.uniform(BOX.x, BOX.y, spacing=SIDE / 2)
     model = fb.Model(
-        domain, floes, contact=contact, forces=[OCEAN, AIR, CORIOLIS], grid=grid,
+        BOX, floes, contact=contact, forces=[OCEAN, AIR, CORIOLIS], grid=grid,
         ice_density=ICE_DENSITY,
     )  # fmt: skip
     report = fb.run(
@@ -109,9 +109,8 @@ def main(
     folder.mkdir(parents=True, exist_ok=True)
     data = xr.open_dataset(path)
     thickness = float(data.hice.mean())
-    box = fb.Domain((0, SIDE), (0, SIDE), "periodic", "periodic", "periodic", "periodic")
     sizes = fb.PowerLaw(radius, 2.5 * radius, exponent=-1.8)
-    pack = fb.scatter(box, sizes, concentration=0.7, seed=1)
+    pack = fb.scatter(BOX, sizes, concentration=0.7, seed=1)
     noise = np.random.default_rng(1).normal(size=len(pack))
     pack.thickness = thickness * np.exp(SPREAD * noise - 0.5 * SPREAD**2)
     held = pack.copy()
@@ -133,7 +132,7 @@ def main(
     wind, current = ((data[f"u{of}"] + 1j * data[f"v{of}"]).values[:n] for of in ("wind", "oce"))
     drifts = {name: run for name, (run, _) in found.items()}
     draw(folder / "drift-in-a-box.png", drifts)
-    balance = Drift(drifts[name].time, steady(wind, current, thickness))
+    balance = Drift(3600.0 * np.arange(n), steady(wind, current, thickness))
     for name, run in {**drifts, "free drift without inertia": balance}.items():
         a, end = wind_factor(run.velocity, wind, current), run.path[-1] / 1000.0
         print(

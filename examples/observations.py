@@ -10,10 +10,12 @@ writes observations.png and prints the table of docs/observations.md.
 """
 
 import argparse
+import csv
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from pyproj import Proj
 
 from examples import barents_sea, drift_in_a_box
 from floebmi.plot import graph
@@ -24,8 +26,6 @@ Tracks = list[np.ndarray]  # complex positions x + i y [m], one a day
 
 def in_plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     """Positions in the plane of EPSG:3413 over its scale at that latitude, x + i y [m]."""
-    from pyproj import Proj
-
     plane = Proj("EPSG:3413")
     x, y = plane(lon, lat)
     middle = plane.get_factors(float(np.mean(lon)), float(np.mean(lat))).meridional_scale
@@ -34,8 +34,6 @@ def in_plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 def fram_strait(path: Path) -> tuple[Tracks, np.ndarray]:
     """Tracks of each floe over consecutive days, and the radius of each (of a disc of the same area) [m]."""
-    import csv
-
     rows: dict[str, list[tuple[np.datetime64, float, float, float]]] = {}
     with path.open(encoding="utf-8") as file:
         for row in csv.DictReader(file):

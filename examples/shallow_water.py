@@ -180,7 +180,7 @@ def basin(
 
 
 class Found(NamedTuple):
-    """worst : residual of the ledger; water : of the water's own budget; volume : [m³] lost; seiche : with ice over without."""
+    """worst : residual of the ledger; water : of the water's own budget; volume : lost, over that of the basin; seiche : with ice over without."""
 
     worst: float
     water: float
@@ -201,11 +201,11 @@ def main(
     icy, free = basin(shape, concentration, radius), basin(shape, 0.0, radius)
     start, volume = icy.momentum(), icy.volume()
     print(HEADER)
-    lines, rows = [], [(0.0, *_middle(icy), *_middle(free))]
+    lines, rows = [], [(0.0, _middle(icy), _middle(free))]
     for k in range(1, round(hours * 3600.0 / every) + 1):
         lines.append(icy.exchange(k * every))
         free.exchange(k * every)
-        rows.append((k * every, *_middle(icy), *_middle(free)))
+        rows.append((k * every, _middle(icy), _middle(free)))
         print(lines[-1])
     given = sum(line.to_host for line in lines)
     turnover = lines[-1].turnover
@@ -221,9 +221,10 @@ def main(
     )
 
 
-def _middle(basin: IcyBasin) -> tuple[float]:
+def _middle(basin: IcyBasin) -> float:
+    """Current along x in the middle [m/s]."""
     ny, nx = basin.state["eta"].shape
-    return (float(basin.state["u"][ny // 2, nx // 2]),)
+    return float(basin.state["u"][ny // 2, nx // 2])
 
 
 def _draw(path: Path, icy: IcyBasin, rows: np.ndarray, worst: float, water: float) -> None:

@@ -37,7 +37,8 @@ VELOCITY = [f"sea_surface_water_flowing__{a}_component_of_velocity" for a in "xy
 
 class Found(NamedTuple):
     """worst : largest residual of the ledger over the impulse exchanged; through : number of floes of the lagoon that
-    went to sea."""
+    went to sea; host_unchanged : whether the water moves as it does without ice; outside : area of ice outside all cells
+    [m²]."""
 
     worst: float
     through: int

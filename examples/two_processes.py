@@ -29,11 +29,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.driver import HEADER, Coupling, CouplingError
+from coupling.side import first_line
 from coupling.slab import SURFACE, TwoSlabOcean
 from floebmi import FloeBmi
 from floebmi.plot import graph
-
-VELOCITY = "sea_surface_water_flowing__x_component_of_velocity"
 
 FLOES = """
 seed = 3
@@ -149,13 +148,12 @@ def main(folder: Path, hours: float = 3.0) -> Found:
         there = run(coupling, ocean, until)
         print("in two processes", coupling.ledger[-1])
         worst = max(line.relative for line in coupling.ledger)
-        size = ice.get_grid_size(ice.get_var_grid(VELOCITY))
+        size = ice.get_grid_size(ice.get_var_grid(SURFACE[0]))
         refusal = fault = ""
         try:
-            ice.set_value(VELOCITY, np.full(size, np.nan))
+            ice.set_value(SURFACE[0], np.full(size, np.nan))
         except Exception as error:  # noqa: BLE001  whatever gRPC makes of it
-            details = getattr(error, "details", None)
-            refusal = str(details() if callable(details) else error)
+            refusal = first_line(error)
         ice.finalize()
         without = run(*start(folder, ice, "no-floes.toml"), until)
         ice.finalize()

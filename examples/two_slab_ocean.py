@@ -87,14 +87,12 @@ class EndOfInterval:
 
 def start(folder: Path) -> tuple[TwoSlabOcean, FloeBmi]:
     """Start both models from configuration files in the folder."""
-    models = []
-    for name, text, model in (
-        ("ocean.toml", OCEAN, TwoSlabOcean()), ("floes.toml", FLOES, FloeBmi())
-    ):  # fmt: skip
-        (folder / name).write_text(text)
-        model.initialize(str(folder / name))
-        models.append(model)
-    return tuple(models)
+    (folder / "ocean.toml").write_text(OCEAN)
+    (folder / "floes.toml").write_text(FLOES)
+    ocean, floes = TwoSlabOcean(), FloeBmi()
+    ocean.initialize(str(folder / "ocean.toml"))
+    floes.initialize(str(folder / "floes.toml"))
+    return ocean, floes
 
 
 def momentum(ocean: TwoSlabOcean, floes: FloeBmi) -> tuple[float, float]:

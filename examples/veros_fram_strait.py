@@ -7,9 +7,10 @@ stress.
 
     python examples/veros_fram_strait.py [--folder veros-fram-strait] [--days 7] [--channel] [--restart 96]
 
-makes three runs, each with Veros' progress bar: one in which the ocean feels the ice, one in which it does not, and one of
-the ocean alone.  It prints the ledger on Veros' own U and V points, and draws what two-way coupling changes.  Veros and the
-ice save their states once a day; a two-way run that was cut off resumes at the step with number --restart.
+makes two runs, each with Veros' progress bar: one in which the ocean feels the ice, one in which it does not; and two short
+ones, of the ocean alone and with an ice model without floes, which must be the same.  It prints the ledger on Veros' own U
+and V points, and draws what two-way coupling changes.  Veros and the ice save their states once a day; a two-way run that
+was cut off resumes at the step with number --restart.
 """
 
 import argparse
@@ -34,7 +35,7 @@ from floebmi.coast import Coast, from_land_fraction  # noqa: E402
 from floebmi.forces import DRAG_PRESETS  # noqa: E402
 from floebmi.plot import LAND, graph  # noqa: E402
 
-SPACING = 10e3  # [m]
+LENGTH = 400e3  # of a side [m]
 CORIOLIS = 1.43e-4  # at 79° N [1/s]
 WIND = {False: (1.0, -7.0), True: (7.0, 0.0)}  # in the box, in the channel [m/s]
 DRAG = 1.3 * 1.3e-3  # ρ C_d of open water under the wind [kg m-3]
@@ -43,14 +44,15 @@ DRAG = 1.3 * 1.3e-3  # ρ C_d of open water under the wind [kg m-3]
 DISTANCES = np.array([400, 400, 300, 220, 160, 110, 75, 50, 32, 20, 15], float)  # [m]
 LAYERS = 0.5 * (DISTANCES[1:] + DISTANCES[:-1])  # [m]
 
-MakeIce = Callable[[fb.Grid, float], fb.Model]
+MakeIce = Callable[[fb.Grid], fb.Model]
 
 
-def land(x: np.ndarray, y: np.ndarray, length: float) -> np.ndarray:
+def land(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """1 on Greenland and Svalbard, 0 in the strait."""
-    west = 0.17 + 0.06 * np.cos(np.pi * y / length)
-    east = 0.83 + 0.08 * np.abs(y / length - 0.55)
-    return ((x / length < west) | ((x / length > east) & (y / length > 0.3))).astype(float)
+    x, y = x / LENGTH, y / LENGTH
+    west = 0.17 + 0.06 * np.cos(np.pi * y)
+    east = 0.83 + 0.08 * np.abs(y - 0.55)
+    return ((x < west) | ((x > east) & (y > 0.3))).astype(float)
 
 
 class Ocean(VerosSetup):
@@ -68,10 +70,7 @@ class Ocean(VerosSetup):
         self.momentum_in = np.zeros(2)  # surface stress as Veros' time scheme weighs it [N s]
         self._last = np.zeros(2)
         self.until = 0.0
-        self.took, self.spent = (
-            0.0,
-            Seconds(0.0, 0.0),
-        )  # wall clock of the run: all of it, and the ice's part
+        self.took, self.spent = 0.0, Seconds(0.0, 0.0)  # wall clock: of the run, of its ice
         self.currents: list[tuple[np.ndarray, np.ndarray]] = []  # of the last day, at the surface
         super().__init__()
 
@@ -107,14 +106,9 @@ class Ocean(VerosSetup):
     @veros_routine
     def set_grid(self, state):
         vs = state.variables
-        side = self.spacing
-        vs.dxt = np.full_like(vs.dxt, side)
-        vs.dyt = np.full_like(vs.dyt, side)
+        vs.dxt = np.full_like(vs.dxt, LENGTH / self.size)
+        vs.dyt = np.full_like(vs.dyt, LENGTH / self.size)
         vs.dzt = LAYERS.copy()
-
-    @property
-    def spacing(self) -> float:
-        return 40 * SPACING / self.size
 
     @veros_routine
     def set_coriolis(self, state):
@@ -127,18 +121,15 @@ class Ocean(VerosSetup):
         x, y = np.meshgrid(vs.xt, vs.yt, indexing="ij")
         bottom = np.ones(x.shape, int)
         if not self.channel:
-            length = 40 * SPACING
-            dry = land(x, y, length) > 0
-            near = sum(land(x + dx, y, length) for dx in (-4e4, -2e4, 2e4, 4e4))  # shelves
+            dry = land(x, y) > 0
+            near = sum(land(x + dx, y) for dx in (-4e4, -2e4, 2e4, 4e4))  # shelves
             bottom = np.where(dry, 0, np.where(near > 0, 4 + near.astype(int), 1))
         vs.kbot = bottom.astype(vs.kbot.dtype)
 
     @veros_routine
     def set_initial_conditions(self, state):
         vs = state.variables
-        cold = -1.5 + 3.0 * (
-            1 - np.exp(vs.zt / 300.0)
-        )  # warmer below: weak, with salt that holds it down
+        cold = -1.5 + 3.0 * (1 - np.exp(vs.zt / 300.0))  # warmer below, held down by salt
         salt = 34.9 - 1.0 * np.exp(vs.zt / 100.0) - 0.6 * np.exp(vs.zt / 800.0)
         vs.temp = np.broadcast_to((cold * vs.maskT)[..., None], vs.temp.shape).copy()
         vs.salt = np.broadcast_to((salt * vs.maskT)[..., None], vs.salt.shape).copy()
@@ -148,7 +139,7 @@ class Ocean(VerosSetup):
             stress[1] * np.asarray(vs.maskV[..., -1], float),
         ]
         if self.make_ice is not None:
-            model = self.make_ice(surface_cells(state), self.spacing)
+            model = self.make_ice(surface_cells(state))
             files = [None, None]
             if self.folder is not None:
                 files = [self.folder / "ice-rescue.nc", self.folder / "ice-{itt}.nc"]
@@ -220,23 +211,18 @@ class Ocean(VerosSetup):
         return self
 
 
-def make_ice(
-    radius: tuple[float, float], concentration: float, channel: bool, seed: int = 3
-) -> MakeIce:
+def make_ice(radius: tuple[float, float], concentration: float, channel: bool) -> MakeIce:
     """Floes at rest in the north of the box, or in the middle of the channel, and the coast of the box."""
 
-    def made(grid: fb.Grid, spacing: float) -> fb.Model:
+    def made(grid: fb.Grid) -> fb.Model:
         west, east, south, north = grid.bounds
         word = "periodic" if channel else "closed"
         domain = fb.Domain((west, east), (south, north), word, word, "closed", "closed")
         coast: Coast | None = None
         floes = fb.Floes([], [], [], [])
         if not channel:
-            rows = np.linspace(0, east, 161)
-            coast = from_land_fraction(rows, rows, land(*np.meshgrid(rows, rows), east), radius[0])
-            inside = (coast.floes.x - west > coast.floes.radius) & (east - coast.floes.x > coast.floes.radius)  # fmt: skip
-            inside &= (coast.floes.y - south > coast.floes.radius) & (north - coast.floes.y > coast.floes.radius)  # fmt: skip
-            coast = coast._replace(floes=_taken(coast.floes, inside))
+            x, y = np.linspace(west, east, 161), np.linspace(south, north, 161)
+            coast = from_land_fraction(x, y, land(*np.meshgrid(x, y)), radius[0])
         if concentration > 0:
             ice = np.where(
                 grid.wet & (grid.y > (0.25 if channel else 0.45) * north), concentration, 0.0
@@ -246,29 +232,18 @@ def make_ice(
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # what found no room beside the coast
                 floes = fb.from_field(
-                    grid, ice, 1.5, fb.UniformSize(*radius), domain=domain, seed=seed, land=coast
+                    grid, ice, 1.5, fb.UniformSize(*radius), domain=domain, seed=3, land=coast
                 )
         if coast is not None:
             floes = fb.Floes.concatenate([floes, coast.floes])
         ocean, air = DRAG_PRESETS["constant-cd"]
         forces = [ocean, air, fb.CoriolisField(), fb.Tilt()]
-        model = fb.Model(
-            domain,
-            floes,
-            contact=fb.frictional(youngs_modulus=1e6),
-            forces=forces,
-            grid=grid,
-            seed=seed,
-        )
+        soft = fb.frictional(youngs_modulus=1e6)
+        model = fb.Model(domain, floes, contact=soft, forces=forces, grid=grid)
         model.atmosphere.u[:], model.atmosphere.v[:] = WIND[channel]
         return model
 
     return made
-
-
-def _taken(floes: fb.Floes, keep: np.ndarray) -> fb.Floes:
-    names = ("x", "y", "radius", "thickness", "u", "v", "motion")
-    return fb.Floes(**{name: getattr(floes, name)[keep] for name in names})
 
 
 class Found(NamedTuple):

@@ -294,21 +294,11 @@ def compare(folder: Path) -> Found:
     for k, ((given, floes, other, turned), (taken, gain)) in enumerate(zip(*rows, strict=True), 1):
         turnover += turned.sum()
         lines.append(
-            Exchange(
-                number=k,
-                time=k * STEP,
-                duration=STEP,
-                from_host=-given,
-                to_host=taken,
-                undelivered=np.zeros(2),
-                exchange_residual=gain - given,
-                floes=floes,
-                other=other,
-                budget_residual=floes + given - other,
-                host=gain,
-                turnover=turnover,
-            )  # fmt: skip
-        )
+            Exchange.balanced(
+                k, k * STEP, STEP, given=given, taken=taken, missed=np.zeros(2), turnover=turnover,
+                floes=floes, other=other, host=gain,
+            )
+        )  # fmt: skip
     print(HEADER, *lines, sep="\n")
     found = Found(
         max(line.relative for line in lines), float(np.abs(rows[0][:, 0]).max()) / STEP, lines

@@ -70,13 +70,13 @@ def barrier_of(
     if grid is not None and grid.wet.all():
         grid = None
     if isinstance(land, Coast):
-        floes = land.floes
+        floes, land = land
         check_floes(floes)
         fixed.append(np.stack([floes.x, floes.y, floes.radius], axis=1))
     if land is not None:
         import shapely
 
-        geometry = land_geometry(land.polygons if isinstance(land, Coast) else land, domain)
+        geometry = land_geometry(land, domain)
         shapely.prepare(geometry)
         box = shapely.box(domain.x[0], domain.y[0], domain.x[1], domain.y[1])
         area += geometry.intersection(box).area
@@ -97,20 +97,16 @@ def _guards(segments: np.ndarray, domain: Domain, smallest: float) -> np.ndarray
     Between two points a distance 2q apart a disc of radius r could reach √(r² + q²) − r ≤ q²/2r
     across: that is the radius of the guards.
     """
+    starts, ends = segments[:, :2], segments[:, 2:]
+    low, high = np.transpose([domain.x, domain.y])
+    margin = high - low  # floes reach less far across an edge; more guards do no harm
+    near = (np.maximum(starts, ends) > low - margin) & (np.minimum(starts, ends) < high + margin)
+    starts, ends = starts[near.all(axis=1)], ends[near.all(axis=1)]
     step = SHORE_STEP * smallest
-    west, south, east, north = segments.T
-    low = np.minimum(west, east), np.minimum(south, north)
-    high = np.maximum(west, east), np.maximum(south, north)
-    near = np.ones(len(segments), bool)
-    for axis, (first, last) in enumerate((domain.x, domain.y)):
-        margin = last - first  # floes reach less far across an edge; more guards do no harm
-        near &= (high[axis] > first - margin) & (low[axis] < last + margin)
-    segments = segments[near]
-    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    counts = np.maximum(1, np.ceil(lengths / step).astype(int)) + 1
+    counts = np.maximum(1, np.ceil(np.hypot(*(ends - starts).T) / step).astype(int)) + 1
     share = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (share / np.repeat(counts - 1, counts))[:, None]
-    starts, ends = (np.repeat(part, counts, axis=0) for part in (segments[:, :2], segments[:, 2:]))
+    starts, ends = np.repeat(starts, counts, axis=0), np.repeat(ends, counts, axis=0)
     points = starts + share * (ends - starts)
     return np.column_stack([points, np.full(len(points), (step / 2) ** 2 / (2 * smallest))])
 
@@ -143,17 +139,12 @@ def area_inside(grid: Grid, domain: Domain) -> np.ndarray:
     """Area of each cell inside the domain [m²], shape (grid.size,); what is across a seam is inside, too."""
     import shapely
 
-    x, y = (
+    (west, east), (south, north) = (
         (low - (length or 0.0), high + (length or 0.0))
         for (low, high), length in zip((domain.x, domain.y), domain.period, strict=True)
     )
-    domain = domain._replace(x=x, y=y)
-    corner_x, corner_y = grid.corner_x, grid.corner_y
-    low = np.minimum(corner_x.min(axis=1) - domain.x[0], corner_y.min(axis=1) - domain.y[0])
-    high = np.minimum(domain.x[1] - corner_x.max(axis=1), domain.y[1] - corner_y.max(axis=1))
-    area = np.array(grid.area)
-    cut = np.minimum(low, high) < 0
-    rings = np.stack([corner_x[cut], corner_y[cut]], axis=2)
-    box = (domain.x[0], domain.y[0], domain.x[1], domain.y[1])
-    area[cut] = shapely.area(shapely.clip_by_rect(shapely.polygons(rings), *box))
+    x, y, area = grid.corner_x, grid.corner_y, grid.area.copy()
+    cut = ((x < west) | (x > east) | (y < south) | (y > north)).any(axis=1)
+    cells = shapely.polygons(np.stack([x[cut], y[cut]], axis=2))
+    area[cut] = shapely.area(shapely.clip_by_rect(cells, west, south, east, north))
     return area

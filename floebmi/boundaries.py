@@ -1,7 +1,7 @@
 """Boundaries: the edges of the domain, walls, and inflow of floes along an edge."""
 
 from collections.abc import Sequence, Sized
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -159,9 +159,7 @@ def check_domain(domain: Domain) -> None:
         if max(abs(low), abs(high)) > FARTHEST:
             raise InputError(f"domain.{name} = ({low}, {high}): must be within {FARTHEST:g} m")
     for edge in EDGES:
-        word = getattr(domain, edge)
-        allowed = ("inactive", "periodic", "closed")
-        check_word(f"domain.{edge}", word, allowed)
+        check_word(f"domain.{edge}", getattr(domain, edge), get_args(Edge))
     for one, other in (("west", "east"), ("south", "north")):
         if (getattr(domain, one) == "periodic") != (getattr(domain, other) == "periodic"):
             raise InputError(f"domain.{one} and domain.{other}: both or neither must be 'periodic'")
@@ -233,10 +231,8 @@ def build_walls(
                 "wall.normal_stress: there is no ice to load; add floes or leave it out"
             )
         thickness = volume / floes.area[ice].sum()
-        along, across = (
-            (domain.y, domain.x)[axis][1] - (domain.y, domain.x)[axis][0],
-            (domain.x, domain.y)[axis][1] - (domain.x, domain.y)[axis][0],
-        )
+        sides = np.ptp([domain.x, domain.y], axis=1)
+        across, along = sides[axis], sides[1 - axis]
         mass = density * volume if wall.mass is None else wall.mass
         record.inverse_mass = 1.0 / mass
         record.press = wall.normal_stress * along * thickness
@@ -320,7 +316,8 @@ class Feeder:
         _check_edge("inflow", inflow.edge, domain)
         for name in ("velocity", "span"):
             pair = getattr(inflow, name)
-            if pair is not None and not (isinstance(pair, Sized) and len(pair) == 2):
+            sized = isinstance(pair, Sized) and np.iterable(pair)  # one number of numpy is not
+            if pair is not None and not (sized and len(pair) == 2):
                 raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
         check_sizes(inflow.sizes)

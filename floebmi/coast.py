@@ -294,10 +294,10 @@ def read_features(
     path = path_of("path", path)
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
-        kind = content["type"]
-        features = content["features"] if kind == "FeatureCollection" else [content]
-        if kind != "FeatureCollection" and kind != "Feature":
-            features = [{"geometry": content, "properties": {}}]
+        if content["type"] == "FeatureCollection":
+            features = list(content["features"])
+        else:
+            features = [content if content["type"] == "Feature" else {"geometry": content}]
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except (ValueError, KeyError, TypeError):

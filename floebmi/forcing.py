@@ -163,12 +163,12 @@ class Function:
                     f"Function {name}{inspect.signature(given)}: must take x, y [m] and t [s]"
                 )
         self.u, self.v, self.grid = u, v, grid
-        self._x, self._y = grid.x, grid.y
 
     def fill(self, t: float, u: np.ndarray, v: np.ndarray) -> None:
         """Write the velocity [m/s] at t [s] into u, v (grid.size,)."""
+        x, y = self.grid.x, self.grid.y
         for name, given, out in (("u", self.u, u), ("v", self.v, v)):
-            values = unmasked(given(self._x, self._y, t) if callable(given) else given)
+            values = unmasked(given(x, y, t) if callable(given) else given)
             if values.shape not in ((), out.shape):
                 raise InputError(
                     f"Function {name} at t = {t:g} s: shape {values.shape}; must be {out.shape}"
@@ -177,7 +177,7 @@ class Function:
             if bad.size:
                 c = int(bad[0])
                 raise InputError(
-                    f"Function {name} at t = {t:g} s, cell {c} (x = {self._x[c]:g}, y = {self._y[c]:g} m):"
+                    f"Function {name} at t = {t:g} s, cell {c} (x = {x[c]:g}, y = {y[c]:g} m):"
                     f" {values.flat[c]}; must be finite"
                 )
             out[:] = values
@@ -259,6 +259,7 @@ class VelocityFile:
         check_word("vectors", vectors, get_args(Vectors))
         check_word("stagger", stagger, get_args(Stagger))
         check_text("units", units)
+        check_text("calendar", calendar)
         two = isinstance(variables, tuple | list) and len(variables) == 2
         if variables is not None and not two:
             raise InputError(f"variables = {in_line(variables)}: must be two names, of u and of v")

@@ -11,12 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from floebmi.barrier import Barrier, cell_at
-from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.grid import Grid
 from floebmi.kernels import jit
-from floebmi.neighbours import find_pairs
-from floebmi.pressing import distances, press, some_free
+from floebmi.pressing import distances, pairs_to_press, press
 
 ROUNDS = 6  # in which floes that found no room are laid elsewhere
 FEW = 0.005  # share of the floes that is left out first, where a pack jams
@@ -32,7 +30,8 @@ class Ground(NamedTuple):
     group : (n,) the grid cell that holds its centre, 0 without a grid; -1 where no ice may be
     ice : (n,) area of ice wanted there [m²]
     clear : (n,) distance to land [m]; None without land
-    barrier, grid : land, the grid of the ice; None where there is none
+    barrier : the domain and its land
+    grid : of the ice, if it comes in a field
     """
 
     shape: tuple[int, int]
@@ -60,10 +59,11 @@ class Ground(NamedTuple):
         return np.array(self.origin) + (corner + 0.5) * self.step
 
 
-def ground_of(domain: Domain, barrier: Barrier, n: int, grid: Grid | None = None) -> Ground:
+def ground_of(barrier: Barrier, n: int, grid: Grid | None = None) -> Ground:
     """The raster for n floes, with no ice wanted yet; `grid` is that of the ice, if it comes in a field."""
     from scipy import ndimage
 
+    domain = barrier.domain
     cells = max(64, 2 * n)
     if grid is not None:  # fine enough to see the cells, as far as memory is no matter
         cells = max(cells, min(1_000_000, int(4 * domain.area / grid.area.min())))
@@ -98,10 +98,11 @@ def ground_of(domain: Domain, barrier: Barrier, n: int, grid: Grid | None = None
     return ground._replace(**{name: getattr(ground, name)[order] for name in along_curve})
 
 
-def spread(ground: Ground, grid: Grid, ice: np.ndarray) -> None:
-    """Spread the ice of each grid cell [m²] over its raster cells."""
+def spread(ground: Ground, ice: np.ndarray) -> None:
+    """Spread the ice of each cell of the ground's grid [m²] over its raster cells."""
     from scipy.spatial import cKDTree
 
+    grid = ground.grid
     here = np.flatnonzero(ground.group >= 0)
     count = np.bincount(ground.group[here], minlength=grid.size)
     ground.ice[here] = (ice / np.maximum(count, 1))[ground.group[here]]
@@ -139,7 +140,7 @@ def _hilbert(column, row, order):
 
 
 def settle(
-    radius: np.ndarray, ground: Ground, domain: Domain, rng: np.random.Generator
+    radius: np.ndarray, ground: Ground, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lay the floes, press them apart, and lay those that find no room elsewhere nearby.
 
@@ -148,9 +149,8 @@ def settle(
     """
     from scipy.spatial import cKDTree
 
-    x, y, group = _pack(radius, ground, domain, rng)
-    free = np.ones(len(x), bool)
-    left = _unplaced(x, y, radius, ground.barrier, domain) > 0
+    x, y, group = _pack(radius, ground, rng)
+    left = _unplaced(x, y, radius, ground.barrier) > 0
     for _ in range(ROUNDS):
         # many floes without room are no bad luck
         if not left.any() or np.count_nonzero(left) > max(10, 0.1 * len(left)):
@@ -165,41 +165,49 @@ def settle(
             at = ground.centres(place)
             near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
             x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
-        press(
-            x, y, radius, free, ground.barrier.discs, domain, EDGES_KEPT,
-            rng=rng, idle=ground.grid is None,
-        )  # fmt: skip
-        left = _unplaced(x, y, radius, ground.barrier, domain) > 0
+        _press_all(x, y, radius, ground, rng)
+        left = _unplaced(x, y, radius, ground.barrier) > 0
     return x, y, group, left
 
 
-def thin_out(
-    x: np.ndarray, y: np.ndarray, radius: np.ndarray, ground: Ground, domain: Domain
-) -> np.ndarray:
+def thin_out(x: np.ndarray, y: np.ndarray, radius: np.ndarray, ground: Ground) -> np.ndarray:
     """Take floes away, the worst first, and press the others apart, in place; returns which are gone in the end.
 
     A few at first and more in each turn: in a jammed pack nearly all overlap a little, and a few less give way to the rest.
     """
-    gone = np.zeros(len(x), bool)
-    share = FEW
+    kept, share = np.arange(len(x)), FEW
     while True:
-        kept = np.flatnonzero(~gone)
         here = x[kept], y[kept], radius[kept]
-        bad = _unplaced(*here, ground.barrier, domain)
+        bad = _unplaced(*here, ground.barrier)
         if not bad.any():
+            gone = np.ones(len(x), bool)
+            gone[kept] = False
             return gone
-        worst = np.argsort(-bad, kind="stable")[: max(1, int(share * len(kept)))]
-        gone[kept[(bad > 0) & (bad >= max(bad[worst[-1]], np.median(bad[bad > 0])))]] = True
+        few = max(1, int(share * len(kept)))
+        kept = kept[bad < max(np.sort(bad)[::-1][:few][-1], np.median(bad[bad > 0]))]
         share *= 2.0
-        kept = np.flatnonzero(~gone)
-        here, free = (x[kept], y[kept], radius[kept]), np.ones(len(kept), bool)
         if len(kept):
-            press(*here, free, ground.barrier.discs, domain, EDGES_KEPT)
-        x[kept], y[kept] = here[:2]
+            here = x[kept], y[kept], radius[kept]
+            _press_all(*here, ground)
+            x[kept], y[kept] = here[:2]
+
+
+def _press_all(
+    x: np.ndarray,
+    y: np.ndarray,
+    radius: np.ndarray,
+    ground: Ground,
+    rng: np.random.Generator | None = None,
+    sweeps: int | None = None,
+) -> None:
+    """`press` floes that are all free, inside the edges and off the land."""
+    barrier, free = ground.barrier, np.ones(len(x), bool)
+    idle = ground.grid is None
+    press(x, y, radius, free, barrier.discs, barrier.domain, EDGES_KEPT, sweeps, rng, idle)
 
 
 def _pack(
-    radius: np.ndarray, ground: Ground, domain: Domain, rng: np.random.Generator
+    radius: np.ndarray, ground: Ground, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places of floes, and the grid cell that each was laid in; radii are swapped in place."""
     n = len(radius)
@@ -211,17 +219,14 @@ def _pack(
     classes = np.unique(size_class)
     for number in classes:
         new = np.flatnonzero(size_class == number)
-        x[new], y[new], group[new] = _lay(
-            radius[new], ground, x[laid], y[laid], radius[laid], domain, rng
-        )
+        others = x[laid], y[laid], radius[laid]
+        x[new], y[new], group[new] = _lay(radius[new], ground, others, rng)
         laid = np.concatenate([laid, new])
         here = x[laid], y[laid], radius[laid]
-        free = np.ones(len(laid), bool)
-        shore = ground.barrier.discs
         if number != classes[-1]:
-            press(*here, free, shore, domain, EDGES_KEPT, sweeps=100)
+            _press_all(*here, ground, sweeps=100)
         else:
-            press(*here, free, shore, domain, EDGES_KEPT, rng=rng, idle=ground.grid is None)
+            _press_all(*here, ground, rng)
         x[laid], y[laid], radius[laid] = here
     return x, y, group
 
@@ -229,20 +234,14 @@ def _pack(
 def _lay(
     radius: np.ndarray,
     ground: Ground,
-    other_x: np.ndarray,
-    other_y: np.ndarray,
-    other_radius: np.ndarray,
-    domain: Domain,
+    others: tuple[np.ndarray, np.ndarray, np.ndarray],
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """String floes along the curve, over the ice that the floes laid before have left."""
-    ny, nx = ground.shape
-    taken = np.zeros((ny, nx), bool)
-    periodic = tuple(length is not None for length in domain.period)
-    _cover(
-        taken, (other_x - domain.x[0]) / ground.step[0], (other_y - domain.y[0]) / ground.step[1],
-        other_radius, *ground.step, *periodic,
-    )  # fmt: skip
+    """String floes along the curve, over the ice that the others (x, y, radius), laid before, have left."""
+    taken = np.zeros(ground.shape, bool)
+    periodic = (length is not None for length in ground.barrier.domain.period)
+    x, y = ((others[k] - ground.origin[k]) / ground.step[k] for k in (0, 1))
+    _cover(taken, x, y, others[2], *ground.step, *periodic)
     taken = taken[ground.row, ground.column]
     here = ground.group >= 0
     group = ground.group[here]
@@ -295,16 +294,14 @@ def _cover(taken, x, y, radius, step_x, step_y, periodic_x, periodic_y):
                     taken[row % ny, column % nx] = True
 
 
-def _unplaced(
-    x: np.ndarray, y: np.ndarray, radius: np.ndarray, barrier: Barrier, domain: Domain
-) -> np.ndarray:
+def _unplaced(x: np.ndarray, y: np.ndarray, radius: np.ndarray, barrier: Barrier) -> np.ndarray:
     """How bad the place of each floe is, 0 for those that may stay.
 
     If the others are taken away, none of those that stay overlap or lie on land.  Of a pair it is
     the smaller floe that goes, the worst pair first; bad is the overlap over its radius, and
     infinite on land.
     """
-    n = len(x)
+    n, domain = len(x), barrier.domain
     if n == 0:
         return np.zeros(0)
     left = barrier.holds(x, y)
@@ -317,8 +314,7 @@ def _unplaced(
         if length is None:
             left |= (centre - radius < low) | (centre + radius > high)
     bad = np.where(left, np.inf, 0.0)
-    _, i, j, _ = find_pairs(all_x, all_y, size, domain.period)
-    i, j = some_free(i, j, np.arange(len(size)) < n)
+    i, j = pairs_to_press(all_x, all_y, size, np.arange(len(size)) < n, domain)
     overlap = size[i] + size[j] - distances(all_x, all_y, i, j, domain)
     for k in np.argsort(-overlap, kind="stable"):
         if overlap[k] <= 0:

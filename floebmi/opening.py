@@ -6,7 +6,7 @@ import difflib
 import os
 import re
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +36,7 @@ def open_files(path: Source) -> list[File]:
 
     if isinstance(path, (str, os.PathLike, xr.Dataset)):
         path = [path]
-    if not isinstance(path, Iterable):
+    if not np.iterable(path):
         raise InputError(
             f"path = {in_line(path)}: must be a file, several, or a data set of xarray"
         )

@@ -8,7 +8,7 @@ from floebmi.boundaries import Domain, check_domain, edge_of, over_walls
 from floebmi.errors import InputError
 from floebmi.floes import Floes, check_floes
 from floebmi.neighbours import find_pairs
-from floebmi.pairs import wrap
+from floebmi.pressing import distances
 from floebmi.quantities import is_number
 
 ALLOWED = 0.1  # of the smaller radius, at the start
@@ -50,13 +50,8 @@ def overlapping(floes: Floes, domain: Domain, allowed: float = 0.0) -> list[Over
         raise InputError(f"allowed = {allowed!r}: must be a finite number [1]")
     number = np.flatnonzero(floes.active)
     x, y, r = floes.x[number], floes.y[number], floes.radius[number]
-    pairs = find_pairs(x, y, r, domain.period)
-    i, j = pairs.i, pairs.j
-    apart = (
-        wrap(period, place[j] - place[i])
-        for place, period in zip((x, y), domain.period, strict=True)
-    )
-    overlap = r[i] + r[j] - np.hypot(*apart)
+    _, i, j, _ = find_pairs(x, y, r, domain.period)
+    overlap = r[i] + r[j] - distances(x, y, i, j, domain)
     share = overlap / np.minimum(r[i], r[j])
     land = floes.land[number]
     found = np.flatnonzero((share > allowed) & ~(land[i] & land[j]))

@@ -26,6 +26,7 @@ from floebmi.sizes import Sizes, check_sizes, csv_lines
 
 CLOSE_ENOUGH = 0.005  # accepted relative error of the concentration
 WHOLE_ROWS = 0.03  # accepted relative error of the concentration of a lattice
+HEIGHT = {"hexagonal": np.sqrt(0.75), "square": 1.0}  # of a row of a lattice, in spacings
 
 
 class IceNotPlaced(UserWarning):
@@ -104,12 +105,12 @@ def scatter(
     filled = float(np.pi * np.sum(radius**2)) / room
     _refuse_too_full(asked, filled)
     _check_fit(radius, domain)
-    ground = ground_of(domain, barrier, len(radius))
+    ground = ground_of(barrier, len(radius))
     sea = ground.group >= 0
     if not sea.any():
         raise InputError(f"land leaves {room:.4g} m², too little to find a place for floes")
     ground.ice[sea] = filled * room / np.count_nonzero(sea)
-    x, y, _, left = settle(radius, ground, domain, rng)
+    x, y, _, left = settle(radius, ground, rng)
     if left.any():
         raise InputError(
             f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room; "
@@ -192,11 +193,11 @@ def from_field(
     radius = _draw_area(sizes, float(ice.sum()), rng, strict=False)
     _check_fit(radius, domain)
     barrier = barrier_of(land, domain, sizes.range[0], grid)
-    ground = ground_of(domain, barrier, len(radius), grid)
-    spread(ground, grid, ice)
-    x, y, cell, left = settle(radius, ground, domain, rng)
+    ground = ground_of(barrier, len(radius), grid)
+    spread(ground, ice)
+    x, y, cell, left = settle(radius, ground, rng)
     if left.any():
-        left = thin_out(x, y, radius, ground, domain)
+        left = thin_out(x, y, radius, ground)
     capped = wanted - float(ice.sum())
     lost = float(np.pi * np.sum(radius[left] ** 2))
     told = [
@@ -253,7 +254,7 @@ def regular(
         (the message gives the nearest).
     """
     check_domain(domain)
-    check_word("lattice", lattice, ("hexagonal", "square"))
+    check_word("lattice", lattice, HEIGHT)
     if (spacing is None) == (concentration is None):
         raise InputError("give either concentration or spacing")
     check_length("radius", radius)
@@ -370,14 +371,14 @@ def relax(floes: Floes, domain: Domain, land: Land | None = None) -> float:
 
 
 class _Rows(NamedTuple):
-    """A lattice: spacing along x and y [m], floes in even and odd rows, number of rows, shift of odd rows."""
+    """A lattice, as rows of floes along x."""
 
-    dx: float
-    dy: float
-    even: int
+    dx: float  # from floe to floe in a row [m]
+    dy: float  # from row to row [m]
+    even: int  # floes in an even row
     odd: int
     rows: int
-    shift: float
+    shift: float  # of the odd rows [m]
     stretch: float  # of the lattice along x against y, 0 if there is none
 
     @property
@@ -386,6 +387,7 @@ class _Rows(NamedTuple):
 
     @property
     def nearest(self) -> float:
+        """Distance between the nearest centres [m]."""
         between = np.hypot(self.shift, self.dy) if self.rows > 1 else np.inf
         return min(self.dx if self.even > 1 else np.inf, between)
 
@@ -395,8 +397,7 @@ def _rows(
 ) -> _Rows:
     long_x, long_y = domain.x[1] - domain.x[0], domain.y[1] - domain.y[0]
     periodic_x, periodic_y = (length is not None for length in domain.period)
-    hexagonal = lattice == "hexagonal"
-    height = np.sqrt(0.75) if hexagonal else 1.0
+    hexagonal, height = lattice == "hexagonal", HEIGHT[lattice]
     dx, dy = spacing * stretch, spacing * height / stretch
     if periodic_x:
         even = odd = max(1, round(long_x / dx))
@@ -420,8 +421,7 @@ def _rows_of_concentration(
 ) -> _Rows:
     """The fitting lattice whose concentration is nearest to the given one, stretched as little as that allows."""
     _check_concentration(concentration)
-    per_floe = np.sqrt(0.75) if lattice == "hexagonal" else 1.0  # area / spacing²
-    ideal = np.sqrt(np.pi * radius**2 / (per_floe * concentration))
+    ideal = np.sqrt(np.pi * radius**2 / (HEIGHT[lattice] * concentration))
     # edges leave bare strips, so the spacing that gives the concentration can be far below the ideal
     trials = [
         _rows(domain, radius, ideal * factor, lattice, stretch)
@@ -603,9 +603,9 @@ def _check_fit(radius: np.ndarray, domain: Domain) -> None:
     largest = float(radius.max(initial=0.0))
     for axis, length in zip("xy", domain.period, strict=True):
         low, high = getattr(domain, axis)
-        side, diameters = high - low, 2 if length is None else 4
-        if largest * diameters * (1 + SPARE) / 2 > side / 2:
+        side, radii = high - low, 2 if length is None else 4
+        if largest * radii * (1 + SPARE) > side:
             raise InputError(
-                f"domain.{axis}: {side:g} m; must be at least {diameters} radii of the largest "
-                f"floe, {largest * diameters:g} m"
+                f"domain.{axis}: {side:g} m; must be at least {radii} radii of the largest "
+                f"floe, {largest * radii:g} m"
             )

@@ -7,7 +7,7 @@ radius with a slightly smaller one that is less squeezed.  The set of sizes stay
 
 import numpy as np
 
-from floebmi.boundaries import Domain
+from floebmi.boundaries import EDGES, Domain
 from floebmi.kernels import jit
 from floebmi.neighbours import find_pairs
 from floebmi.pairs import wrap
@@ -36,9 +36,9 @@ def press(
     """Push floes apart, in place; the largest overlap left, over the smaller radius.
 
     Floes stay inside edges that are one of the words in `walls`, and clear of the fixed `discs`.
-    With `rng`, radii are swapped among the floes, or floes of a single size shaken.  In fields of
-    ice `idle` floes, that touch nothing, keep their radius, or swaps would carry ice from dense
-    parts to thin ones.
+    With `rng`, radii are swapped among the floes, or floes of a single size shaken.  `idle` : whether
+    floes that touch nothing take part; in fields of ice they must not, or swaps would carry ice from
+    dense parts to thin ones.
     """
     n = len(x)
     all_x, all_y, size = (
@@ -48,17 +48,10 @@ def press(
     pressed[:n] *= 1 + SPARE
     mobile = np.zeros(len(all_x))
     movable = np.concatenate([free, np.zeros(len(discs), bool)])
-    box = np.array(
-        [
-            at if getattr(domain, edge) in walls else far
-            for edge, at, far in (
-                ("west", domain.x[0], -np.inf),
-                ("east", domain.x[1], np.inf),
-                ("south", domain.y[0], -np.inf),
-                ("north", domain.y[1], np.inf),
-            )
-        ]
-    )
+    box = np.array([
+        domain.position(edge) if getattr(domain, edge) in walls else far
+        for edge, far in zip(EDGES, (-np.inf, np.inf, -np.inf, np.inf), strict=True)
+    ])  # fmt: skip
     lengths = np.array([np.inf if length is None else length for length in domain.period])
     # what is fixed needs no skin; five times its radius, a guard of the shore still does not reach
     # the next
@@ -78,15 +71,13 @@ def press(
             skin = min(typical * min(max(2 * worst, SKIN[0]), SKIN[1]), widest)
             all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
             reach = np.concatenate([pressed[:n] + skin / 2, still])
-            _, i, j, _ = find_pairs(all_x, all_y, reach, domain.period)
-            i, j = some_free(i, j, movable)
+            i, j = pairs_to_press(all_x, all_y, reach, movable, domain)
             # a small floe gives way to a large one, but not so much that it is caught between two
             mobile[:n] = free / size[:n]
             start_x, start_y, moved, grown = all_x.copy(), all_y.copy(), 0.0, 0.0
         steps, worst, moved = _push(
             all_x, all_y, pressed, mobile, i, j, lengths, box, n, start_x, start_y,
-            skin / 2 - grown, SPARE, every - done % every,
-            OVERSHOOT if done < 0.8 * sweeps else CALM,
+            skin / 2 - grown, every - done % every, OVERSHOOT if done < 0.8 * sweeps else CALM,
         )  # fmt: skip
         done += steps
         complete = moved + grown < skin / 2  # no pair has come near that is not in the list
@@ -104,31 +95,30 @@ def press(
                 grown += _swap(size, pressed, squeezed, order, apart, first, idle)
     all_x[:n], all_y[:n] = domain.brought_back(all_x[:n], all_y[:n])
     x[:], y[:], radius[:] = all_x[:n], all_y[:n], size[:n]
-    _, i, j, _ = find_pairs(all_x, all_y, size, domain.period)
-    i, j = some_free(i, j, movable)
+    i, j = pairs_to_press(all_x, all_y, size, movable, domain)
     return _worst(all_x, all_y, size, n, i, j, lengths)
 
 
-def some_free(i: np.ndarray, j: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of which at least one can move."""
-    if free.all():
-        return i, j
-    keep = free[i] | free[j]
+def pairs_to_press(
+    x: np.ndarray, y: np.ndarray, reach: np.ndarray, movable: np.ndarray, domain: Domain
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs within their reaches of each other, of which at least one can move."""
+    _, i, j, _ = find_pairs(x, y, reach, domain.period)
+    keep = movable[i] | movable[j]
     return i[keep], j[keep]
 
 
 def distances(
     x: np.ndarray, y: np.ndarray, i: np.ndarray, j: np.ndarray, domain: Domain
 ) -> np.ndarray:
+    """Distances between the centres of pairs [m]."""
     length_x, length_y = domain.period
     return np.hypot(wrap(length_x, x[j] - x[i]), wrap(length_y, y[j] - y[i]))
 
 
 @jit
-def _push(
-    x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, enough, sweeps, overshoot
-):  # fmt: skip
-    """Sweep over the pairs until overlaps are below `enough` or a floe has moved by `slack`.
+def _push(x, y, r, mobile, i, j, lengths, box, n, start_x, start_y, slack, sweeps, overshoot):
+    """Sweep over the pairs until overlaps are below `SPARE` or a floe has moved by `slack`.
 
     Returns sweeps done, largest overlap met in the last one over the smaller radius, largest
     distance moved.
@@ -165,7 +155,7 @@ def _push(
                 x[k] = max(min(x[k], east - r[k]), west + r[k])
                 y[k] = max(min(y[k], north - r[k]), south + r[k])
                 far = max(far, (x[k] - start_x[k]) ** 2 + (y[k] - start_y[k]) ** 2)
-        if worst < enough or far > slack * slack:
+        if worst < SPARE or far > slack * slack:
             return sweep + 1, worst, np.sqrt(far)
     return sweeps, worst, np.sqrt(far)
 

@@ -300,6 +300,14 @@ def test_edges_of_geojson_in_degrees_follow_their_parallels(tmp_path):
     assert land_geometry(coast.polygons).area == pytest.approx(true, rel=1e-4)
 
 
+@pytest.mark.parametrize("features", [None, 5])
+def test_a_collection_without_a_list_of_features_is_refused(tmp_path, features):
+    path = tmp_path / "land.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(InputError, match="must be GeoJSON"):
+        from_geojson(path, radius=100.0)
+
+
 def test_geojson_in_degrees_needs_a_projection(tmp_path):
     isle = {"type": "Polygon", "coordinates": [[[-45, 80], [-44, 80], [-44, 81], [-45, 80]]]}
     path = geojson(tmp_path, isle)

@@ -1,5 +1,6 @@
 """The documentation is whole: nothing public is left out, no link leads nowhere.  Its code: test_pages."""
 
+import importlib
 import inspect
 import re
 import subprocess
@@ -103,6 +104,18 @@ def anchors(page):
     """The anchors of a page's headings, as GitHub and MyST make them."""
     heads = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M)
     return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in sorted((ROOT / "benchmarks").glob("*.py")) if "def main" in path.read_text(encoding="utf-8")],
+    ids=lambda path: path.stem,
+)  # fmt: skip
+def test_every_benchmark_answers_a_call_for_help_and_does_not_run(path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [str(path), "--help"])
+    with pytest.raises(SystemExit):
+        importlib.import_module(f"benchmarks.{path.stem}").main()
+    assert f"python -m benchmarks.{path.stem}" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize("page", PAGES)

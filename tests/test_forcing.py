@@ -894,6 +894,7 @@ def test_of_wind_at_several_heights_that_at_10_m_is_taken_and_of_pressures_none(
         ({"select": {"x": 1.5}}, "select x = 1.5: must be a whole number"),
         ({"select": "x"}, "select = 'x': must be a dict"),
         ({"projection": "EPSG:4326"}, "metres"),
+        ({"calendar": ["noleap"]}, "calendar = .*: must be a text"),
     ],
 )
 def test_an_option_that_is_not_allowed_is_refused_in_one_line(option, word):
@@ -1218,7 +1219,7 @@ def test_the_real_noleap_wind_covers_the_pole():
     assert np.ptp(np.angle(u + 1j * v)) < 1  # about one direction across the pole
 
 
-@pytest.mark.parametrize("path", [None, 3])
+@pytest.mark.parametrize("path", [None, 3, np.array(3)])
 def test_what_is_no_file_is_refused_in_one_line(path):
     grid = Grid.uniform((0.0, 2.0), (0.0, 1.0), shape=(1, 2))
     with pytest.raises(InputError, match="^path = .*: must be a file, several, or a data set"):

@@ -36,7 +36,7 @@ LONG = {
     "barents_miz": (  # km along y
         {"the start": -1235, "wind off the ice": -1239, "wind towards the ice": -1176}, 5e-3,
     ),
-    "veros_box": (-3.8, 0.1),  # cm/s
+    "veros_box": (-4.2, 0.1),  # cm/s
 }  # fmt: skip
 HOSTS = {"landlab_eddy": "landlab", "veros_box": "veros"}
 BARENTS = "arctic20_ocean_ice_20160201-05.nc"

@@ -16,6 +16,7 @@ from test_examples import ROOT, example
 from coupling.books import Books
 from coupling.veros import SeaIce, surface_cells
 from floebmi import Domain, Floes, Grid, Model
+from floebmi.coast import from_land_fraction, on_land
 from floebmi.errors import InputError
 from floebmi.forces import AirDrag, CoriolisField, OceanDrag, Tilt
 from floebmi.restarts import load_restart
@@ -262,6 +263,19 @@ def test_the_ledger_closes_at_the_coasts_of_fram_strait_and_fractions_are_blende
     )  # the blend of the step before, blended again
     open_water = np.asarray(vs.forc_tke_surface)[inner][(fraction == 0) & (ice.model.grid.wet.reshape(12, 12).T)]  # fmt: skip
     assert open_water.max() > 0
+
+
+def test_the_coast_of_the_floes_is_that_of_veros(veros, tmp_path, monkeypatch):
+    coasts = []
+
+    def noted(*where):
+        coasts.append(from_land_fraction(*where))
+        return coasts[-1]
+
+    monkeypatch.setattr(veros, "from_land_fraction", noted)
+    model = fram(veros, tmp_path).ice.model
+    on_land_of_floes = on_land(coasts[0].polygons, model.grid.x, model.grid.y, model.domain)
+    np.testing.assert_array_equal(on_land_of_floes, ~model.grid.wet)
 
 
 def test_what_veros_is_given_is_what_the_air_and_the_ice_gave(veros, tmp_path):

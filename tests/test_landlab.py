@@ -472,6 +472,9 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path):
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=("a", "b")), "must be .smallest, largest"),
         (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=np.ones(3)), "must be .smallest, largest"),
         (lambda: SeaIceFloes(grid(), coast=5), "coast = 5: must be a Coast"),
+        (lambda: SeaIceFloes(grid(), domain=(0.0, 11e3)), "domain = .0.0, 11000.0.: must be a Domain"),
+        (lambda: SeaIceFloes(grid(), edges=np.ones(2)), "edges = array.*: allowed: closed, inactive, periodic"),
+        (lambda: SeaIceFloes(grid(), concentration=0.2, sizes=np.array(5.0)), "must be .smallest, largest"),
     ]  # fmt: skip
     for call, text in cases:
         with pytest.raises(ValueError, match=text) as caught:

@@ -1,6 +1,7 @@
 """The cost of a step in instructions, which unlike its time are the same whenever they are counted; and its form."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -10,8 +11,16 @@ from numpy.testing import assert_allclose
 
 from benchmarks.bare import ready
 from benchmarks.limit import LAWS, instructions
+from floebmi.advance import Advance
 
-STORED = json.loads((Path(__file__).parent / "data" / "instructions.json").read_text())
+ROOT = Path(__file__).parents[1]
+STORED = json.loads((ROOT / "tests" / "data" / "instructions.json").read_text())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").rglob("*.py")), ids=lambda p: p.name)
+def test_what_a_benchmark_takes_from_inside_an_advance_is_there(path):
+    for name in re.findall(r"\b(?:now|Advance)\.(_\w+)", path.read_text(encoding="utf-8")):
+        assert hasattr(Advance, name), name
 
 
 @pytest.mark.long

@@ -273,8 +273,7 @@ def the_host_keeps_momentum(left):
 
 def a_setup_of_veros():
     veros = example("veros_fram_strait")
-    made = veros.make_ice((8e3, 14e3), 0.6, channel=False)
-    return vars(veros) | {"make_model": lambda grid: made(grid, 40 * veros.SPACING / 12)}
+    return vars(veros) | {"make_model": veros.make_ice((8e3, 14e3), 0.6, channel=False)}
 
 
 def veros_carries_the_ice(left):

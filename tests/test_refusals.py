@@ -312,6 +312,10 @@ def scalar(**other):
         (lambda: FLOES.allow_own("colour"), "name = 'colour': allowed: friction"),
         (lambda: FLOES.same(3), "floes = 3: must be of the kind Floes"),
         (lambda: FLOES.go_back([1.0]), "floes = .*: must be of the kind Floes"),
+        (
+            lambda: fb.Model(BOX, FLOES, inflow=[fb.Inflow("west", SIZE, span=np.array(3.0))]),
+            "inflow.span = .*: must be two numbers",
+        ),
         (lambda: fb.Model(BOX._replace(x=b"ab"), FLOES), "domain.x = b'ab': must be two numbers"),
         (lambda: fb.Grid.uniform(b"ab", (0.0, 1.0), spacing=1.0), "x = b'ab': must be two numbers"),
         (lambda: BOX.position("up"), "edge = 'up': allowed: east, north, south, west"),
