@@ -198,7 +198,7 @@ def map_figure(
     across, up = drawn()
     # a tall domain sits in the middle of its room, and so does a flat one
     beside = beside_of(across)
-    time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.clock.text, (0, -1)))))
+    time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.times.text, (0, -1)))))
     lines = _lines(title, max(20, int((across + 2 * beside - time) * LETTERS_PER_INCH)))
     top = 0.3 + 0.17 * len(lines)
     width = across + 2 * beside + left + right

@@ -40,7 +40,7 @@ class FloePicture:
         self.bar = None
         if color is not None:
             self._check_color(color)
-            sample = np.unique(np.linspace(0, len(view.time) - 1, 20).astype(int))
+            sample = np.unique(np.linspace(0, len(view.times.seconds) - 1, 20).astype(int))
             values = np.concatenate([self.values(k)[~self.still] for k in sample])
             whole = color != "speed" and data[color].dtype.kind == "i"
             self.bar = Bar(self._label(color), scale_of(color, values, limits, whole))
@@ -77,7 +77,7 @@ class FloePicture:
         self._moving += draw_wind(self.axes, self._view, k)
         if self._arrows is not None:
             self._moving += draw_arrows(self.axes, self._view, self._arrows, k)
-        self._time.set_text(self._view.clock.text(k))
+        self._time.set_text(self._view.times.text(k))
 
     def pixels(self, k: int) -> np.ndarray:
         """Frame k as RGB, shape (height, width, 3), uint8; what stands still is not drawn anew."""
@@ -142,7 +142,7 @@ class FloePicture:
 
     def _never_moves(self) -> np.ndarray:
         """Floes at rest in the first frame, and in the last one where they were then."""
-        first, last = 0, len(self._view.time) - 1
+        first, last = 0, len(self._view.times.seconds) - 1
         speed2 = (
             np.nan_to_num(self.read("u", first)) ** 2 + np.nan_to_num(self.read("v", first)) ** 2
         )
