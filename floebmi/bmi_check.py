@@ -134,7 +134,6 @@ def check_host(
     """
     if not (is_number(density) and density > 0):
         raise InputError(f"density = {density!r} kg m-3: must be greater than 0")
-    answers = []
     host = _started(make, config)
     inputs = host.get_input_var_names()
     asked = (*stress,) if fraction is None else (*stress, fraction)
@@ -142,9 +141,11 @@ def check_host(
         for name in names:
             if name not in all_names:
                 raise InputError(f"host: {name!r}: not there; {choose(name, all_names)}")
-    for names, right in ((velocity, "m s-1"), (stress, "Pa")):
-        for name in names:
-            answers.append(_units(host, name, right))
+    answers = [
+        _units(host, name, right)
+        for names, right in ((velocity, "m s-1"), (stress, "Pa"))
+        for name in names
+    ]
     if not all(answer.passed for answer in answers):
         return answers
     if fraction is None and FRACTION in inputs:
