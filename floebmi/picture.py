@@ -137,6 +137,7 @@ class FloePicture:
         )
 
     def read(self, name: str, k: int) -> np.ndarray:
+        """A variable of all floes at frame k."""
         variable = self._view.data[name]
         return filled(variable[k] if variable.ndim == 2 else variable[:])
 
@@ -159,6 +160,7 @@ class FloePicture:
         check_word("color", color, have)
 
     def values(self, k: int) -> np.ndarray:
+        """What the colours of the floes show at frame k."""
         if self._color == "speed":
             return np.hypot(self.read("u", k), self.read("v", k))
         return self.read(self._color, k)

@@ -104,18 +104,21 @@ def shores(data: "Dataset") -> list[np.ndarray]:
     return np.split(nodes, np.cumsum(data["land_ring_node_count"][:])[:-1])
 
 
+def _suffix_of(dimensions: tuple[str, ...]) -> str:
+    """What the names of a grid's coordinates end with: "_atmosphere" for that grid, nothing for the exchange grid."""
+    return "".join(dimensions[0].partition("_")[1:])
+
+
 def cell_corners(
     view: View, dimensions: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray] | list[np.ndarray]:
     """Edges along x and y of a rectilinear grid, or the corners of each cell; in units of the axes."""
     data, unit = view.gridded, view.length[0]
-    suffix = "".join(dimensions[0].partition("_")[1:])
+    suffix = _suffix_of(dimensions)
     if f"face_nodes{suffix}" in data.variables:
-        data.set_auto_mask(False)
-        faces = data[f"face_nodes{suffix}"][:]
-        data.set_auto_mask(True)
+        faces = data[f"face_nodes{suffix}"][:]  # masked where a cell has fewer corners
         nodes = np.stack([data[f"node_{a}{suffix}"][:] for a in "xy"], axis=-1) / unit
-        return [nodes[face[face >= 0]] for face in faces]
+        return [nodes[face.compressed()] for face in faces]
     bounds = [filled(data[f"{a}{suffix}_bnds"][:]) / unit for a in "xy"]
     if bounds[0].ndim == 2:
         return tuple(np.append(b[:, 0], b[-1, 1]) for b in bounds)
@@ -126,7 +129,7 @@ def centres(
     data: "Dataset", dimensions: tuple[str, ...], unit: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres of the cells, of the shape of a field."""
-    suffix = "".join(dimensions[0].partition("_")[1:])
+    suffix = _suffix_of(dimensions)
     x, y = (filled(data[f"{a}{suffix}"][:]) / unit for a in "xy")
     if len(dimensions) == 2 and x.ndim == 1:
         x, y = np.meshgrid(x, y)
