@@ -126,18 +126,19 @@ class FloeBmi(Bmi):
         now = self._now("update_until")
         if not is_number(time):
             raise InputError(f"update_until: time = {time!r}: must be a number of seconds")
+        time = float(time)
         if time < now.model.time:
             raise InputError(
-                f"update_until: time = {float(time):.17g} s: must be at least the current time, {now.model.time:.17g} s"
+                f"update_until: time = {time:.17g} s: must be at least the current time, {now.model.time:.17g} s"
             )
-        count = (float(time) - now.model.time) / now.step
+        count = (time - now.model.time) / now.step
         if count > MOST_EXCHANGES:
             raise InputError(
-                f"update_until: time = {float(time):.17g} s: is {count:.2g} exchanges of {now.step:g} s away; "
+                f"update_until: time = {time:.17g} s: is {count:.2g} exchanges of {now.step:g} s away; "
                 f"at most {MOST_EXCHANGES:g} are allowed"
             )
         if time > now.model.time:
-            now.advance(float(time))
+            now.advance(time)
 
     def finalize(self) -> None:
         """Release everything; `initialize` may follow."""

@@ -36,14 +36,15 @@ from bmipy import Bmi
 from floebmi.bmi import FloeBmi
 from floebmi.errors import InputError, choose
 from floebmi.quantities import is_number
+from floebmi.variables import find
 
 if TYPE_CHECKING:
     import cf_units
 
-VELOCITY = tuple(f"sea_surface_water_flowing__{a}_component_of_velocity" for a in "xy")
-STRESS = tuple(f"sea_ice_bottom_water_flowing__{a}_z_component_of_stress" for a in "xy")
-PER_ICE_AREA = tuple(f"sea_ice_floe_bottom_water_flowing__{a}_z_component_of_stress" for a in "xy")
-FRACTION = "sea_ice__area_fraction"
+VELOCITY = tuple(find(f"ocean_velocity_{a}").csdms for a in "xy")
+STRESS = tuple(find(f"ocean_stress_{a}").csdms for a in "xy")
+PER_ICE_AREA = tuple(find(f"ocean_stress_per_ice_area_{a}").csdms for a in "xy")
+FRACTION = find("area_fraction").csdms
 PUSH = 0.1  # [Pa]
 SEA_WATER = 1026.0  # [kg m-3]
 CURRENT = (0.1, -0.05)  # [m s-1]
@@ -89,7 +90,7 @@ def one_cell() -> list[Answer]:
     for name, value in zip(VELOCITY, CURRENT, strict=True):
         ice.set_value(name, np.array([value]))
     ice.update()
-    fraction = ice.get_value("sea_ice__area_fraction", np.empty(1))[0]
+    fraction = ice.get_value(FRACTION, np.empty(1))[0]
     speed = np.hypot(*CURRENT)
     answers = []
     for name, current in zip(STRESS, CURRENT, strict=True):
@@ -133,7 +134,6 @@ def check_host(
     """
     if not (is_number(density) and density > 0):
         raise InputError(f"density = {density!r} kg m-3: must be greater than 0")
-    answers = []
     host = _started(make, config)
     inputs = host.get_input_var_names()
     asked = (*stress,) if fraction is None else (*stress, fraction)
@@ -141,9 +141,11 @@ def check_host(
         for name in names:
             if name not in all_names:
                 raise InputError(f"host: {name!r}: not there; {choose(name, all_names)}")
-    for names, right in ((velocity, "m s-1"), (stress, "Pa")):
-        for name in names:
-            answers.append(_units(host, name, right))
+    answers = [
+        _units(host, name, right)
+        for names, right in ((velocity, "m s-1"), (stress, "Pa"))
+        for name in names
+    ]
     if not all(answer.passed for answer in answers):
         return answers
     if fraction is None and FRACTION in inputs:

@@ -150,16 +150,14 @@ def scale_of(
     place = name in PLACES
     signed = low < 0.0 < high and not place
     if limits is None:
+        most = max(abs(low), abs(high)) or 1.0
         largest = float(np.percentile(np.abs(values), 99)) if values.size else 1.0
-        most = max(abs(low), abs(high))
         if most < 1.25 * largest or not largest:  # nothing stands out, so nothing is cut off
-            largest = most or 1.0
+            largest = most
+        far = min(abs(low), abs(high)) > 0.5 * most and name != "speed"
         if signed:
             limits = -largest, largest
-        elif place or (  # far from zero: show the differences
-            min(abs(low), abs(high)) > 0.5 * most and name != "speed"
-        ):
-            most = most or 1.0
+        elif place or far:  # show the differences
             spread = 0.02 * most if high - low < 1e-6 * most else 0.0
             limits = low - spread, high + spread
         else:
@@ -176,7 +174,10 @@ def scale_of(
 def map_figure(
     view: View, size: int, title: str, bar: Bar | None, key: bool
 ) -> tuple["Figure", "Axes"]:
-    """A figure that fits the domain, with true proportions, margins in inches and even numbers of pixels."""
+    """A figure that fits the domain, with true proportions, margins in inches and even numbers of pixels.
+
+    key : whether there is room for the key of arrows, below
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -198,7 +199,7 @@ def map_figure(
     across, up = drawn()
     # a tall domain sits in the middle of its room, and so does a flat one
     beside = beside_of(across)
-    time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.clock.text, (0, -1)))))
+    time = max(TIME_WIDTH, 0.08 * max(map(len, map(view.times.text, (0, -1)))))
     lines = _lines(title, max(20, int((across + 2 * beside - time) * LETTERS_PER_INCH)))
     top = 0.3 + 0.17 * len(lines)
     width = across + 2 * beside + left + right
@@ -214,26 +215,24 @@ def map_figure(
     axes.set_title("", loc="right", x=1.0 + beside / across, pad=7)
     axes.set_axisbelow(False)
     if bar is not None:
-        from matplotlib.cm import ScalarMappable
-
-        box = (
-            (left + across + 0.12) / width,
-            bottom / height,
-            0.16 / width,
-            1 - (bottom + top) / height,
-        )
-        shades = figure.colorbar(
-            ScalarMappable(bar.scale.norm, bar.scale.cmap),
-            cax=figure.add_axes(box),
-            extend=bar.scale.extend,
-            ticks=bar.scale.ticks,
-        )
-        if power:
-            shades.formatter = in_powers_of(power)
-        letters = int((height - bottom - top) * LETTERS_PER_INCH)
-        shades.set_label("\n".join(_lines(label, letters)))
-        shades.outline.set_linewidth(0.6)
+        long = height - bottom - top
+        box = (left + across + 0.12) / width, bottom / height, 0.16 / width, long / height
+        text = "\n".join(_lines(label, int(long * LETTERS_PER_INCH)))
+        _draw_bar(figure.add_axes(box), bar.scale, text, power)
     return figure, axes
+
+
+def _draw_bar(axes: "Axes", scale: Scale, label: str, power: int) -> None:
+    """Draw a colour bar that fills its axes."""
+    from matplotlib.cm import ScalarMappable
+
+    shades = axes.figure.colorbar(
+        ScalarMappable(scale.norm, scale.cmap), cax=axes, extend=scale.extend, ticks=scale.ticks
+    )
+    if power:
+        shades.formatter = in_powers_of(power)
+    shades.set_label(label)
+    shades.outline.set_linewidth(0.6)
 
 
 def beside_of(across: float) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 from floebmi.errors import InputError, check_word, in_line
 from floebmi.factors import DURATIONS
 from floebmi.fields import Field, coordinate
+from floebmi.quantities import is_number
 
 if TYPE_CHECKING:
     import cftime
@@ -161,10 +162,10 @@ class Clock:
         Raises
         ------
         InputError
-            outside the file's times, naming them, unless `beyond_span` allows it.
+            for what is no finite number, and outside the file's times, naming them, unless `beyond_span` allows it.
         """
-        if not np.isfinite(t):
-            raise InputError(f"{self.label}: t = {t}: must be a finite number of seconds")
+        if not is_number(t):
+            raise InputError(f"{self.label}: t = {in_line(t)}: must be a finite number of seconds")
         if self.seconds is None or self.seconds.size == 1:
             return 0, 0, 0.0
         first, last = self.seconds[0], self.seconds[-1]

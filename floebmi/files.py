@@ -1,4 +1,4 @@
-"""Files that are whole or not there: made under another name, which becomes the wanted one at the end."""
+"""Files and folders: where one can be made, by whom, what it says of itself, and that it is whole or not there."""
 
 import contextlib
 import datetime
@@ -18,6 +18,10 @@ from floebmi.errors import InputError, choose, in_line
 if TYPE_CHECKING:
     from netCDF4 import Dataset
 
+try:
+    import fcntl
+except ImportError:  # where a file that is open cannot be replaced anyway
+    fcntl = None
 
 LONGEST = 255  # bytes that file systems allow a name
 
@@ -130,42 +134,39 @@ def _refuse_dangling(path: Path) -> None:
 
 def _refuse_if_being_written(path: Path) -> None:
     """HDF5 locks a file that another run writes: it must not be replaced, not even by force."""
-    try:
-        import fcntl
-    except ImportError:  # where a file that is open cannot be replaced anyway
+    if fcntl is None:
         return
     with open(path, "rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            text = f"{path}: another run is writing it; choose another name"
-            raise InputError(text) from None
-        except OSError:  # a file system without locks
-            return
-        fcntl.flock(file, fcntl.LOCK_UN)
+        if _is_taken(file.fileno(), fcntl.LOCK_SH):
+            raise InputError(f"{path}: another run is writing it; choose another name")
 
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
     """No other run in this folder meanwhile; InputError if one is going on. A run that ends, be it killed, leaves no trace."""
-    try:
-        import fcntl
-    except ImportError:  # where a file that is open cannot be replaced anyway
+    if fcntl is None:
         yield
         return
     here = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(here, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if _is_taken(here, fcntl.LOCK_EX):
             raise InputError(
                 f"{folder}: another run is going on in it; give another folder with --to"
-            ) from None
-        except OSError:  # a file system without locks
-            pass
+            )
         yield
     finally:
         os.close(here)
+
+
+def _is_taken(number: int, how: int) -> bool:
+    """Whether another process has locked what is open here; if none has, this one locks it until it is closed."""
+    try:
+        fcntl.flock(number, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # a file system without locks
+        pass
+    return False
 
 
 @contextlib.contextmanager

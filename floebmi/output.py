@@ -93,7 +93,7 @@ class _GrowingFile:
         self._last = -np.inf
         self._closed = False
         check_target(self.path, overwrite)
-        self._clock = time_attributes(reference, calendar)
+        self._of_time = time_attributes(reference, calendar)
         self._projection = None if projection is None else check_projection(projection)
         self._land = land_geometry(land, model.domain)
         self._attributes = _global_attributes(model, attributes, kind)
@@ -197,8 +197,11 @@ class GriddedWriter(_GrowingFile):
             if the time is not later than that of the last frame.
         """
         now = model.time, _impulses(model)
-        values = _values(model, self._rows)
-        values.update(_mean_stresses(model, self._before, now, self._rows))
+        values = {
+            **model.fields(),
+            **{row.name: row.array_in(model) for row in self._rows if row.intent == "in"},
+            **_mean_stresses(model, self._before, now, self._rows),
+        }
         with self._frame(model.time) as (data, k):
             if k == 0:
                 self._define(data, model)
@@ -217,7 +220,7 @@ class GriddedWriter(_GrowingFile):
         data.setncatts(self._attributes)
         data.createDimension("time", None)
         data.createDimension("bnds", 2)
-        define_time(data, self._clock)
+        define_time(data, self._of_time)
         data["time"].bounds = "time_bnds"
         data.createVariable("time_bnds", "f8", ("time", "bnds"), chunksizes=(512, 2))
         define_ledger(data)
@@ -341,7 +344,7 @@ class TrajectoryWriter(_GrowingFile):
         data.setncatts(self._attributes)
         data.createDimension("time", None)
         data.createDimension("trajectory", None)
-        define_time(data, self._clock)
+        define_time(data, self._of_time)
         define_ledger(data)
         define_projection(data, self._projection)
         define_land(data, self._land, self._projection)
@@ -434,12 +437,6 @@ def _several(name: str, words: Sequence[str]) -> list[str]:
     if isinstance(words, str | bytes) or not np.iterable(words):
         raise InputError(f"{name} = {in_line(words)}: must be a list of names")
     return list(words)
-
-
-def _values(model: "Model", rows: list[Variable]) -> dict[str, np.ndarray]:
-    values = dict(model.fields())
-    values.update((row.name, row.array_in(model)) for row in rows if row.intent == "in")
-    return values
 
 
 def _impulses(model: "Model") -> dict[str, np.ndarray]:

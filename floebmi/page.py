@@ -28,7 +28,7 @@ def page_of(picture: FloePicture, view: View, every: int) -> dict[str, Any]:
     from matplotlib.colors import to_hex, to_rgb
 
     data, bar = view.data, picture.bar
-    frames = range(0, len(view.time), every)
+    frames = range(0, len(view.times.seconds), every)
     (west, east), (south, north) = data.domain_x, data.domain_y
     x, y = (
         np.array([picture.read(name, k) - corner for k in frames], "<f4")
@@ -61,8 +61,8 @@ def page_of(picture: FloePicture, view: View, every: int) -> dict[str, Any]:
                 (data.domain_west, west, east), (data.domain_south, south, north)
             )
         ],
-        "times": [view.clock.text(k) for k in frames],
-        "radius": np.nan_to_num(picture.read("radius", len(view.time) - 1)).tolist(),
+        "times": [view.times.text(k) for k in frames],
+        "radius": np.nan_to_num(picture.read("radius", len(view.times.seconds) - 1)).tolist(),
         "still": picture.still.tolist(),
         "x": _base64(x), "y": _base64(y), "rgb": _base64(rgb[:, :, :3]),
         "shores": [(ring - (west, south)).tolist() for ring in shores(data)],

@@ -40,7 +40,7 @@ class FloePicture:
         self.bar = None
         if color is not None:
             self._check_color(color)
-            sample = np.unique(np.linspace(0, len(view.time) - 1, 20).astype(int))
+            sample = np.unique(np.linspace(0, len(view.times.seconds) - 1, 20).astype(int))
             values = np.concatenate([self.values(k)[~self.still] for k in sample])
             whole = color != "speed" and data[color].dtype.kind == "i"
             self.bar = Bar(self._label(color), scale_of(color, values, limits, whole))
@@ -77,7 +77,7 @@ class FloePicture:
         self._moving += draw_wind(self.axes, self._view, k)
         if self._arrows is not None:
             self._moving += draw_arrows(self.axes, self._view, self._arrows, k)
-        self._time.set_text(self._view.clock.text(k))
+        self._time.set_text(self._view.times.text(k))
 
     def pixels(self, k: int) -> np.ndarray:
         """Frame k as RGB, shape (height, width, 3), uint8; what stands still is not drawn anew."""
@@ -102,35 +102,29 @@ class FloePicture:
         array: np.ndarray | None = None,
         **look: Any,
     ) -> Any:
-        number, shift_x, shift_y = self._images(x, y, radius, np.flatnonzero(which))
+        number, x, y = self._images(x, y, radius, np.flatnonzero(which))
         if array is not None:
             look["array"] = array[number]
-        x, y = x[number] + shift_x, y[number] + shift_y
         return draw_circles(self.axes, x, y, radius[number], self._view.length[0], zorder=3, **look)
 
     def _images(
         self, x: np.ndarray, y: np.ndarray, radius: np.ndarray, number: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Floes, and copies of those that reach across a periodic edge: number and shift [m]."""
+        """Floes, and copies of those that reach across a periodic edge: number, x and y [m]."""
         data = self._view.data
-        shift_x, shift_y = np.zeros(len(number)), np.zeros(len(number))
-        for place, (low, high), edge in (
-            ("x", data.domain_x, data.domain_west),
-            ("y", data.domain_y, data.domain_south),
+        place = np.stack([x, y], axis=1)[number]
+        for axis, (low, high), edge in (
+            (0, data.domain_x, data.domain_west),
+            (1, data.domain_y, data.domain_south),
         ):
             if edge != "periodic":
                 continue
-            centre = (x[number] + shift_x) if place == "x" else (y[number] + shift_y)
-            for beyond, way in (
-                (centre + radius[number] > high, low - high),
-                (centre - radius[number] < low, high - low),
-            ):
-                copies = np.flatnonzero(beyond)
-                number = np.append(number, number[copies])
-                shift_x = np.append(shift_x, shift_x[copies] + (way if place == "x" else 0.0))
-                shift_y = np.append(shift_y, shift_y[copies] + (way if place == "y" else 0.0))
-                centre = np.append(centre, np.full(len(copies), 0.5 * (low + high)))
-        return number, shift_x, shift_y
+            period = (high - low) * np.eye(2)[axis]
+            above = place[:, axis] + radius[number] > high
+            below = place[:, axis] - radius[number] < low
+            number = np.concatenate([number, number[above], number[below]])
+            place = np.concatenate([place, place[above] - period, place[below] + period])
+        return number, place[:, 0], place[:, 1]
 
     def _per_unit(self) -> float:
         """Pixels per unit of the axes."""
@@ -143,12 +137,13 @@ class FloePicture:
         )
 
     def read(self, name: str, k: int) -> np.ndarray:
+        """A variable of all floes at frame k."""
         variable = self._view.data[name]
         return filled(variable[k] if variable.ndim == 2 else variable[:])
 
     def _never_moves(self) -> np.ndarray:
         """Floes at rest in the first frame, and in the last one where they were then."""
-        first, last = 0, len(self._view.time) - 1
+        first, last = 0, len(self._view.times.seconds) - 1
         speed2 = (
             np.nan_to_num(self.read("u", first)) ** 2 + np.nan_to_num(self.read("v", first)) ** 2
         )
@@ -165,6 +160,7 @@ class FloePicture:
         check_word("color", color, have)
 
     def values(self, k: int) -> np.ndarray:
+        """What the colours of the floes show at frame k."""
         if self._color == "speed":
             return np.hypot(self.read("u", k), self.read("v", k))
         return self.read(self._color, k)

@@ -55,7 +55,7 @@ from floebmi.output import open_file
 from floebmi.page import page_of, write_page
 from floebmi.picture import FloePicture
 from floebmi.quantities import is_number
-from floebmi.reading import Clock, View, check_every, filled, frame_number, length_unit, open_view
+from floebmi.reading import FrameTimes, check_every, filled, frame_number, open_view, view_of
 from floebmi.variables import VARIABLES, find
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def frame(
     """
     with in_style(), ExitStack() as files:
         view = open_view(files, trajectories, gridded)
-        k = frame_number(trajectories, time, len(view.time))
+        k = frame_number(trajectories, time, len(view.times.seconds))
         picture = FloePicture(view, color, arrows, limits, title, size)
         picture.show(k)
         return save(picture.figure, to)
@@ -143,7 +143,7 @@ def field(
             raise InputError(f"{gridded}: has no {row.name}; {choose(row.name, have)}")
         k = frame_number(gridded, time, len(data.dimensions["time"]))
         values = filled(data[row.file_name][k])
-        view = View(data, data, length_unit(data), Clock(data))
+        view = view_of(data, data)
         label = label_of(row.text, row.units)
         scale = scale_of(row.name, values, limits)
         some = bool(np.isfinite(values).any())
@@ -162,7 +162,7 @@ def field(
         if not some:
             told = f"{row.text}: no values at this time"
             axes.text(0.5, 0.5, told, ha="center", wrap=True, transform=axes.transAxes)
-        axes.set_title(view.clock.text(k), loc="right", pad=7)
+        axes.set_title(view.times.text(k), loc="right", pad=7)
         return save(figure, to)
 
 
@@ -240,7 +240,7 @@ def animate(
     with in_style(), ExitStack() as files:
         view = open_view(files, trajectories, gridded)
         picture = FloePicture(view, color, arrows, limits, title, size)
-        numbers = range(0, len(view.time), every)
+        numbers = range(0, len(view.times.seconds), every)
 
         def images() -> Iterator[np.ndarray]:
             for done, k in enumerate(numbers, 1):
@@ -312,8 +312,8 @@ def graph(width: float, height: float) -> "Iterator[Figure]":
 def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
     from floebmi.budgets import QUANTITIES, UNITS
 
-    clock = Clock(data)
-    time = clock.seconds / clock.unit
+    times = FrameTimes(data)
+    time = times.seconds / times.unit
     stock = filled(data["ledger_stock"][:])
     gained = np.nan_to_num(filled(data["ledger_gained"][:]))
     accounts = [str(name) for name in data["ledger_account"][:]]
@@ -347,7 +347,7 @@ def _ledger_figure(data: "Dataset", title: str | None, size: int) -> "Figure":
         axes.set_ylabel(with_power(f"{name.replace('_', ' along ')} [{unit}]", power))
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[1]:
-        axes.set_xlabel(f"time [{clock.name}]")
+        axes.set_xlabel(f"time [{times.name}]")
     lines = {line.get_label(): line for axes in panels.flat for line in axes.lines}
     figure.legend(lines.values(), lines, loc="outside lower center", ncols=4)
     title = f"{getattr(data, 'title', '')}: gains since the first frame" if title is None else title

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from netCDF4 import Dataset
 
 
-class Clock:
-    """Times of a file in words; elapsed time if the run has no date."""
+class FrameTimes:
+    """Times of the frames of a file, also in words: dates, or elapsed time if the run has no date."""
 
     def __init__(self, data: "Dataset") -> None:
         import cftime
@@ -42,16 +42,12 @@ class Clock:
 
 
 class View(NamedTuple):
-    """The files of a run, the length that is one unit of the axes, and the clock."""
+    """The files of a run, the length that is one unit of the axes, and the times of the frames."""
 
     data: "Dataset"  # with the domain, and the land polygons
     gridded: "Dataset | None"
-    length: tuple[float, str]
-    clock: Clock
-
-    @property
-    def time(self) -> np.ndarray:
-        return self.clock.seconds
+    length: tuple[float, str]  # [m], and its name
+    times: FrameTimes
 
     @property
     def box(self) -> tuple[float, float, float, float]:
@@ -68,13 +64,13 @@ def open_view(files: ExitStack, trajectories: str | Path, gridded: str | Path | 
         fields = files.enter_context(open_file(gridded, "gridded"))
     if not len(floes.dimensions["time"]):
         raise InputError(f"{trajectories}: has no frame yet")
-    return View(floes, fields, length_unit(floes), Clock(floes))
+    return view_of(floes, fields)
 
 
-def length_unit(data: "Dataset") -> tuple[float, str]:
-    """What is one on the axes: a length [m], and its name."""
-    widest = max(np.ptp(data.domain_x), np.ptp(data.domain_y))
-    return (1000.0, "km") if widest > 2000.0 else (1.0, "m")
+def view_of(data: "Dataset", gridded: "Dataset | None") -> View:
+    """The view of a file, and of a gridded one with it; in km if the domain is wide."""
+    wide = max(np.ptp(data.domain_x), np.ptp(data.domain_y)) > 2000.0
+    return View(data, gridded, (1000.0, "km") if wide else (1.0, "m"), FrameTimes(data))
 
 
 def frame_number(path: str | Path, time: int, n: int) -> int:
@@ -108,20 +104,21 @@ def shores(data: "Dataset") -> list[np.ndarray]:
     return np.split(nodes, np.cumsum(data["land_ring_node_count"][:])[:-1])
 
 
+def _suffix_of(dimensions: tuple[str, ...]) -> str:
+    """What the names of a grid's coordinates end with: "_atmosphere" for that grid, nothing for the exchange grid."""
+    return "".join(dimensions[0].partition("_")[1:])
+
+
 def cell_corners(
     view: View, dimensions: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray] | list[np.ndarray]:
     """Edges along x and y of a rectilinear grid, or the corners of each cell; in units of the axes."""
     data, unit = view.gridded, view.length[0]
-    if data is None:
-        return []
-    suffix = "".join(dimensions[0].partition("_")[1:])
+    suffix = _suffix_of(dimensions)
     if f"face_nodes{suffix}" in data.variables:
-        data.set_auto_mask(False)
-        faces = data[f"face_nodes{suffix}"][:]
-        data.set_auto_mask(True)
+        faces = data[f"face_nodes{suffix}"][:]  # masked where a cell has fewer corners
         nodes = np.stack([data[f"node_{a}{suffix}"][:] for a in "xy"], axis=-1) / unit
-        return [nodes[face[face >= 0]] for face in faces]
+        return [nodes[face.compressed()] for face in faces]
     bounds = [filled(data[f"{a}{suffix}_bnds"][:]) / unit for a in "xy"]
     if bounds[0].ndim == 2:
         return tuple(np.append(b[:, 0], b[-1, 1]) for b in bounds)
@@ -132,23 +129,18 @@ def centres(
     data: "Dataset", dimensions: tuple[str, ...], unit: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres of the cells, of the shape of a field."""
-    suffix = "".join(dimensions[0].partition("_")[1:])
+    suffix = _suffix_of(dimensions)
     x, y = (filled(data[f"{a}{suffix}"][:]) / unit for a in "xy")
     if len(dimensions) == 2 and x.ndim == 1:
         x, y = np.meshgrid(x, y)
     return x, y
 
 
-def _field_frame(view: View, k: int) -> int:
-    """The frame of the gridded file nearest in time to frame k of the view."""
-    return int(np.argmin(np.abs(filled(view.gridded["time"][:]) - view.time[k])))
-
-
 def vectors(view: View, name: str, k: int) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] | None:
-    """Both components of a gridded vector at frame k of the view, and their dimensions; None if no file has them."""
+    """Both components of a gridded vector, and their dimensions, at the time nearest to frame k; None if no file has them."""
     files = [find(f"{name}_{a}").file_name for a in "xy"]
     if view.gridded is None or files[0] not in view.gridded.variables:
         return None
-    at = _field_frame(view, k)
-    u, v = (filled(view.gridded[file][at]) for file in files)
+    nearest = int(np.argmin(np.abs(filled(view.gridded["time"][:]) - view.times.seconds[k])))
+    u, v = (filled(view.gridded[file][nearest]) for file in files)
     return u, v, view.gridded[files[0]].dimensions[1:]

@@ -127,7 +127,7 @@ def read_scalar(
         points of a cell between ice and open water
     thickness_of : whether the thickness in the file is a mean over the "ice" or the "cell"; "auto": as the file says
     time : a date (or seconds, in a file of durations), also between records; default: the first record
-    units : units of the variable, if the file states none
+    units : units of the variable, if the file states none or wrong ones
     outside : value for cells outside the file; default: an error if they are wet
 
     Returns
@@ -157,7 +157,7 @@ def read_scalar(
     if quantity == "area_fraction":
         return _fraction(_find(_CONCENTRATION, variable, "variable", on), units, on)
     found = _find(_THICKNESS, variable, "variable", on)
-    factor = length_factor(units or found.array.attrs.get("units"), found.label)
+    factor = length_factor(_units(found, units), found.label)
     kind = thickness_of if thickness_of != "auto" else _thickness_of(found)
     share, as_wanted = None, (kind == "cell") == (quantity == "sea_ice_volume")
     if not as_wanted or concentration is not None or holds(files, _CONCENTRATION):
@@ -197,7 +197,7 @@ def _find(wanted: Wanted, name: str | None, option: str, on: _On) -> Field:
 
 
 def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
-    said = units or part.array.attrs.get("units")
+    said = _units(part, units)
     factor = fraction_factor(said, part.label)
     values = factor * _interpolated(part, on, scale=factor, top=1.0)
     if is_percent(said) and 0 < values.max() <= 0.01:
@@ -206,6 +206,11 @@ def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
             stacklevel=3,
         )
     return _bounded(part.label, values, 1.0)
+
+
+def _units(part: Field, given: str | None = None) -> str | None:
+    """The units that the user gives, else those of the file."""
+    return given or part.array.attrs.get("units")
 
 
 def _thickness_of(found: Field) -> str:
@@ -233,7 +238,7 @@ def _land(on: _On, name: str | None, units: str | None) -> np.ndarray:
             f"{part.label}: nothing says whether 1 is land or water (standard_name, flag_meanings, a"
             " well-known name)"
         )
-    said = units if units is not None else part.array.attrs.get("units")
+    said = _units(part, units)
     factor = (
         1.0 if found.word == "mask" and not is_percent(said) else fraction_factor(said, part.label)
     )
@@ -280,9 +285,7 @@ def _interpolated(
         values = convert(part.read(record, box))
         if share is None:
             return values
-        area = fraction_factor(share.array.attrs.get("units"), share.label) * share.read(
-            record, box
-        )
+        area = fraction_factor(_units(share), share.label) * share.read(record, box)
         values = np.where(np.isnan(values) & (area < _NO_ICE), 0.0, values)
         return values * area if times else values
 

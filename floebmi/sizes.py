@@ -293,20 +293,18 @@ def from_file(path: str | Path) -> Histogram | Empirical:
             f"{path}: column {header[1].strip()!r}: must be counts, after the edges of the bins"
         )
     columns: list[list[float]] = [[] for _ in header]
-    last = rows[-1][0]
+    last, end = rows[-1]
+    if len(header) == 2 and [text.strip() for text in end[1:]] in ([], [""]):
+        rows[-1] = last, [end[0], "0"]
     for number, row in rows:
-        if len(row) == 1 and number == last and len(header) == 2:
-            row = [row[0], ""]
         if len(row) != len(header):
             raise InputError(f"{path}: row {number} has {len(row)} values; must be {len(header)}")
-        for column, (name, text) in enumerate(zip(header, row, strict=True)):
-            if column == 1 and number == last and not text.strip():
-                text = "0"
+        for name, text, column in zip(header, row, columns, strict=True):
             if not _is_number(text):
                 raise InputError(
                     f"{path}: row {number}, column {name.strip()!r}: {text!r} must be a number"
                 )
-            columns[column].append(number_in(text))
+            column.append(number_in(text))
     sizes: Histogram | Empirical
     if len(header) == 1:
         sizes = Empirical(tuple(columns[0]))

@@ -13,7 +13,7 @@ from floebmi.model import Model
 
 FLOE_STEPS = 400_000  # timed in a row: some ten milliseconds
 LEAST_STEPS, LEAST_TURNS = 10, 3
-LONG = 1.0  # seconds of turns
+LEAST_SECONDS = 1.0  # of all turns
 
 
 def shares_of_a_step(model: Model) -> dict[str, float]:
@@ -31,7 +31,7 @@ def shares_of_a_step(model: Model) -> dict[str, float]:
         parts.append("forces")
     steps = max(LEAST_STEPS, FLOE_STEPS // max(len(model.floes), 1))
     turns, begin = [], time.perf_counter()
-    while len(turns) < LEAST_TURNS or time.perf_counter() - begin < LONG:
+    while len(turns) < LEAST_TURNS or time.perf_counter() - begin < LEAST_SECONDS:
         turns.append([model.seconds_per_step(steps, without) for without in (None, *parts)])
     whole, *others = np.array(turns).T
     shares = {

@@ -990,6 +990,14 @@ def test_beyond_the_span_fields_hold_or_repeat_if_asked():
         assert velocity(repeat, square(), t * 86400)[0][0] == pytest.approx(repeated)
 
 
+@pytest.mark.parametrize("t", [None, "1979-01-16", [0.0, 1.0], np.nan, object()])
+@pytest.mark.parametrize("times", [DAYS, DAYS[:1]], ids=len)
+def test_what_is_no_time_is_refused_in_one_line(t, times):
+    source = VelocityFile(in_time(metres(0.1, 0.0), times), square())
+    with pytest.raises(InputError, match="must be a finite number of seconds"):
+        velocity(source, square(), t)
+
+
 def test_a_sum_of_steps_meets_the_last_record_in_spite_of_round_off():
     source = VelocityFile(in_time(metres(0.1, 0.0), DAYS), square())
     last = 3 * 86400.0

@@ -169,6 +169,14 @@ def test_land_is_found_whichever_way_round_the_file_has_it(name, land, attrs):
     np.testing.assert_allclose(values, np.interp(grid.x, [5, 6], [0, 1]), atol=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("quantity", "name"), [("land_fraction", "sftlf"), ("area_fraction", "siconc")]
+)
+def test_units_without_a_word_are_those_of_the_file(quantity, name):
+    percent = on_metres(**{name: (25.0, {"units": "%"})})
+    np.testing.assert_allclose(read_scalar(percent, quantity, square(), units=""), 0.25)
+
+
 def test_a_mask_that_says_nothing_about_itself_is_refused():
     data = on_metres(somewhere=(1.0, {}))
     with pytest.raises(InputError, match="1 is land or water"):

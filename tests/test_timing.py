@@ -38,7 +38,7 @@ def test_a_part_that_is_left_out_does_nothing(without):
 
 
 def test_the_model_stays_as_it_is_to_the_bit(monkeypatch):
-    monkeypatch.setattr("floebmi.timing.LONG", 0.0)
+    monkeypatch.setattr("floebmi.timing.LEAST_SECONDS", 0.0)
     timed, other = pack(), pack()
     shares = shares_of_a_step(timed)
     assert list(shares) == ["contacts", "forces", "motion"]
@@ -51,7 +51,7 @@ def test_the_model_stays_as_it_is_to_the_bit(monkeypatch):
 
 
 def test_parts_that_a_model_does_not_have_are_not_told(monkeypatch):
-    monkeypatch.setattr("floebmi.timing.LONG", 0.0)
+    monkeypatch.setattr("floebmi.timing.LEAST_SECONDS", 0.0)
     paper = pack(
         "periodic",
         Contact(friction=Coulomb(), bonds=TensileStrength(50e3)),
