@@ -236,12 +236,7 @@ class SeaIceFloes(Component):
         for row in _INPUTS:
             if row.csdms not in grid.at_node:
                 _refuse_elsewhere(grid, row.csdms)
-                grid.add_zeros(row.csdms, at="node", units=row.units)
-        super().__init__(grid)
-        self._rescue = rescue
-        self._known_grid = _digest(grid)
-        # far from the origin Landlab's own areas are off by a few digits; they are the host's
-        self._stretch = cells.area / grid.area_of_cell
+        _refuse_integers(grid, "SeaIceFloes")
         given = {"floes": floes, "scene": scene, "concentration": concentration}
         sources = [name for name, value in given.items() if value is not None]
         if len(sources) > 1:
@@ -267,18 +262,18 @@ class SeaIceFloes(Component):
             named = [name for name, value in laws.items() if value is not None]
             if named:
                 raise InputError(f"SeaIceFloes: {named[0]} is given beside a scene: say it there")
-            self._model = _of_scene(scene, cells)
-            _check_looped(grid, cells, self._model.domain)
+            model = _of_scene(scene, cells)
+            _check_looped(grid, cells, model.domain)
         else:
             domain = _box(grid, cells, edges) if domain is None else domain
             check_domain(domain)
             _check_looped(grid, cells, domain)
             if floes is None:
-                floes = self._made(cells, domain, concentration, thickness, sizes, coast, seed)
+                floes = _made(grid, cells, domain, concentration, thickness, sizes, coast, seed)
             if coast is not None:
                 floes = Floes.concatenate([floes, coast.floes])
                 cells = _without(cells, coast.polygons, domain)
-            self._model = Model(
+            model = Model(
                 domain,
                 floes,
                 contact=frictional() if contact is None else contact,
@@ -288,55 +283,18 @@ class SeaIceFloes(Component):
                 grid=cells,
                 seed=seed,
             )
-        self._books = Books(self._model)
-        self._ledger: list[Exchange] = []
-        for row in _OUTPUTS:
+        for row in (*_INPUTS, *_OUTPUTS):  # only once nothing is refused any more
             if row.csdms not in grid.at_node:
                 grid.add_zeros(row.csdms, at="node", units=row.units)
-        self._check_outputs("SeaIceFloes")
+        super().__init__(grid)
+        self._model, self._rescue = model, rescue
+        self._known_grid = _digest(grid)
+        # far from the origin Landlab's own areas are off by a few digits; they are the host's
+        self._stretch = cells.area / grid.area_of_cell
+        self._books = Books(model)
+        self._ledger: list[Exchange] = []
         self._show()
         self._shown = self._impulse()
-
-    def _made(
-        self,
-        cells: Grid,
-        domain: Domain,
-        concentration: float | None,
-        thickness: float,
-        sizes: Sizes | Sequence[float] | None,
-        coast: Coast | None,
-        seed: int,
-    ) -> Floes:
-        """Floes from a concentration, or from the grid's own fields if it has them."""
-        fields = self._grid.at_node
-        there = [name for name in (FRACTION, THICKNESS) if name in fields]
-        if concentration is None and len(there) == 1:
-            raise InputError(
-                f"SeaIceFloes: the grid has {there[0]} alone; floes need {FRACTION} and {THICKNESS}"
-            )
-        if concentration is None and not there and sizes is not None:
-            raise InputError(
-                "SeaIceFloes: sizes is given, but nothing that asks for floes: neither a concentration nor the"
-                f" fields {FRACTION} and {THICKNESS}"
-            )
-        if concentration is None and not (
-            there and fields[FRACTION][self._grid.node_at_cell].any()
-        ):
-            return Floes([], [], [], [])
-        if sizes is None:
-            raise InputError(
-                "SeaIceFloes: sizes is missing: (smallest, largest) radius [m] of the floes that are"
-                " made from a concentration"
-            )
-        if isinstance(sizes, Sequence | np.ndarray) and not hasattr(sizes, "_fields"):
-            radii = two_numbers(sizes)
-            if radii is None:
-                raise InputError(f"SeaIceFloes: sizes = {sizes}: must be (smallest, largest) [m]")
-            sizes = UniformSize(*radii)
-        if concentration is not None:
-            return scatter(domain, sizes, concentration, thickness=thickness, seed=seed, land=coast)
-        at_cell = [fields[name][self._grid.node_at_cell] for name in (FRACTION, THICKNESS)]
-        return from_field(cells, *at_cell, sizes, domain=domain, seed=seed, land=coast)
 
     # ---- stepping ----------------------------------------------------------------------------------
 
@@ -404,11 +362,7 @@ class SeaIceFloes(Component):
                 raise InputError(
                     f"{what}: {row.csdms} is not at the grid's nodes; SeaIceFloes writes it"
                 )
-            kind = self._grid.at_node[row.csdms].dtype
-            if kind.kind != "f":
-                raise InputError(
-                    f"{what}: {row.csdms} has dtype {kind}: must be float, it is written in place"
-                )
+        _refuse_integers(self._grid, what)
 
     def _show(self) -> None:
         fields, node = self._model.fields(), self._grid.node_at_cell
@@ -481,6 +435,46 @@ class SeaIceFloes(Component):
         self._books.load(path)
         self._show()
         self._shown = self._impulse()
+
+
+def _made(
+    grid: ModelGrid,
+    cells: Grid,
+    domain: Domain,
+    concentration: float | None,
+    thickness: float,
+    sizes: Sizes | Sequence[float] | None,
+    coast: Coast | None,
+    seed: int,
+) -> Floes:
+    """Floes from a concentration, or from the grid's own fields if it has them."""
+    fields = grid.at_node
+    there = [name for name in (FRACTION, THICKNESS) if name in fields]
+    if concentration is None and len(there) == 1:
+        raise InputError(
+            f"SeaIceFloes: the grid has {there[0]} alone; floes need {FRACTION} and {THICKNESS}"
+        )
+    if concentration is None and not there and sizes is not None:
+        raise InputError(
+            "SeaIceFloes: sizes is given, but nothing that asks for floes: neither a concentration nor the"
+            f" fields {FRACTION} and {THICKNESS}"
+        )
+    if concentration is None and not (there and fields[FRACTION][grid.node_at_cell].any()):
+        return Floes([], [], [], [])
+    if sizes is None:
+        raise InputError(
+            "SeaIceFloes: sizes is missing: (smallest, largest) radius [m] of the floes that are"
+            " made from a concentration"
+        )
+    if isinstance(sizes, Sequence | np.ndarray) and not hasattr(sizes, "_fields"):
+        radii = two_numbers(sizes)
+        if radii is None:
+            raise InputError(f"SeaIceFloes: sizes = {sizes}: must be (smallest, largest) [m]")
+        sizes = UniformSize(*radii)
+    if concentration is not None:
+        return scatter(domain, sizes, concentration, thickness=thickness, seed=seed, land=coast)
+    at_cell = [fields[name][grid.node_at_cell] for name in (FRACTION, THICKNESS)]
+    return from_field(cells, *at_cell, sizes, domain=domain, seed=seed, land=coast)
 
 
 def _of_scene(scene: str | Path, cells: Grid) -> Model:
@@ -566,6 +560,15 @@ def _check_units(grid: ModelGrid, what: str) -> None:
         if row.csdms in grid.at_node and not _is_in(told[row.csdms], row.units):
             raise InputError(
                 f"{what}: {row.csdms} is in {told[row.csdms]!r}; must be in {row.units!r}, nothing is converted here"
+            )
+
+
+def _refuse_integers(grid: ModelGrid, what: str) -> None:
+    """Raise InputError for an output field of integers, which would truncate it."""
+    for row in _OUTPUTS:
+        if row.csdms in grid.at_node and grid.at_node[row.csdms].dtype.kind != "f":
+            raise InputError(
+                f"{what}: {row.csdms} has dtype {grid.at_node[row.csdms].dtype}: must be float, it is written in place"
             )
 
 

@@ -418,6 +418,8 @@ def scene(name: str | None, target: Path | None, force: bool, keys: bool) -> Non
     from floebmi.scenes import file_of, packaged, titles
 
     if keys:
+        if name is not None or target is not None:
+            raise InputError("--keys lists the keys of any scene: leave NAME and --to out")
         _print_keys()
     elif name is None:
         if target is not None:

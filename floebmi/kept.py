@@ -44,6 +44,8 @@ class Kept(NamedTuple):
 
     def of(self, floes: Floes) -> "Kept | None":
         """The part that is still valid for floes that may have been edited since; None: rebuild the list."""
+        if floes is self.floes:
+            return self
         if not floes.same(self.floes, DECISIVE):
             return None
         if not floes.same(self.floes, ("thickness",)):

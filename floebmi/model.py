@@ -64,7 +64,7 @@ from floebmi.gridding import (
 )
 from floebmi.kept import marks
 from floebmi.listing import Memory
-from floebmi.overlaps import refuse_over_walls, refuse_overlaps
+from floebmi.overlaps import refuse_outside, refuse_over_walls, refuse_overlaps
 from floebmi.pairs import PairList
 from floebmi.parts import (
     check_kinds,
@@ -206,6 +206,7 @@ class Model:
         floes.check()
         # as after every advance: in the first frame, too, no floe lies beyond a periodic edge
         floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
+        refuse_outside(floes, domain)
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
         self._make_fluids(atmosphere_grid or self.grid)
         self._state = self._first_state(rng)

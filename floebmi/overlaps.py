@@ -1,4 +1,4 @@
-"""Overlapping floes, or floes over a wall, for which the start of a run, or an edit of the floes, is refused."""
+"""Floes that overlap, reach over a wall or lie outside: the start of a run, or an edit of the floes, is refused for them."""
 
 from typing import NamedTuple
 
@@ -108,4 +108,22 @@ def refuse_over_walls(
             f"{np.count_nonzero((more > allowed).any(axis=1))} floes reach over walls {when} by more than "
             f"{allowed:g} of their radius, floe {floe} by {share[floe, number] * floes.radius[floe]:.4g} m over the wall "
             f"in the {edge_of(wall)}, at {wall['position'] + domain.origin[int(wall['axis'])]:g} m; move them, or the wall"
+        )
+
+
+def refuse_outside(floes: Floes, domain: Domain) -> None:
+    """InputError for free floes beyond an edge that is not periodic: a wall would eject them, other edges would drop them at once."""
+    out = floes.active & (floes.motion == 0)
+    beyond = np.zeros(len(floes), bool)
+    for values, (low, high), period in zip(
+        (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True
+    ):
+        if period is None:
+            beyond |= (values < low) | (values > high)
+    out &= beyond
+    if out.any():
+        k = int(out.argmax())
+        raise InputError(
+            f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
+            f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
         )

@@ -19,6 +19,7 @@ from floebmi.floes import (
     Floes,
     without_small,
 )
+from floebmi.overlaps import refuse_outside
 from floebmi.quantities import Count, Fraction, NonNegative, Positive, PositiveFraction
 from floebmi.scene_keys import (
     FileProjection,
@@ -106,7 +107,7 @@ class Group(Table):
             floes.u, floes.v = self.velocity
         if "motion" in self.model_fields_set:
             floes.motion = _motion_bits(self.motion)
-        _check_inside(floes, sea.domain)
+        refuse_outside(floes, sea.domain)
         return floes
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:
@@ -357,20 +358,3 @@ def _land_in(region: Domain, sea: Sea) -> "Coast | None":
         if length is not None
     }
     return within(sea.land, sea.domain._replace(**spans))
-
-
-def _check_inside(floes: Floes, domain: Domain) -> None:
-    """Refuse free floes beyond an edge that is not periodic: a wall would eject them, other edges would drop them at once."""
-    out = np.zeros(len(floes), bool)
-    for values, (low, high), period in zip(
-        (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True
-    ):
-        if period is None:
-            out |= (values < low) | (values > high)
-    out &= floes.motion == 0
-    if out.any():
-        k = int(out.argmax())
-        raise InputError(
-            f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
-            f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
-        )

@@ -638,7 +638,17 @@ def test_the_blow_of_a_wall_does_its_work_on_floe_and_wall_half_a_step_ahead(axi
 
 def test_what_lies_beyond_a_periodic_edge_is_within_from_the_start():
     domain = Domain((0.0, 1000.0), (0.0, 1000.0), west="periodic", east="periodic")
-    floes = Floes([1050.0, -30.0, 500.0, 1000.0], [200.0, 400.0, 1200.0, 800.0], 20.0, 1.0)
+    places = [1050.0, -30.0, 500.0, 1000.0], [200.0, 400.0, 1200.0, 800.0]
+    floes = Floes(*places, 20.0, 1.0, motion=[0, 0, FIXED, 0])
     model = Model(domain, floes)
     np.testing.assert_array_equal(model.floes.x, [50.0, 970.0, 500.0, 1000.0])
     np.testing.assert_array_equal(model.floes.y, [200.0, 400.0, 1200.0, 800.0])
+
+
+def test_free_floes_beyond_an_edge_are_refused():
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0), west="periodic", east="periodic")
+    for y, motion in ((1200.0, FIXED), (1000.0, 0)):
+        Model(domain, Floes(1050.0, y, 20.0, 1.0, motion=motion))
+    for y in (-1.0, 1200.0):
+        with pytest.raises(InputError, match=f"1 of 2 floes lie outside .* y = {y:g} m"):
+            Model(domain, Floes(500.0, [500.0, y], 20.0, 1.0))

@@ -665,6 +665,8 @@ def test_scene_lists_prints_and_copies(cli, tmp_path):
     keys = cli("scene", "--keys").stdout
     assert "[floes.size]" in keys
     assert "SI units" in keys
+    result = cli("scene", "strait", "--keys")
+    assert result.exit_code == 2 and "--keys lists the keys of any scene" in result.output
 
 
 def test_a_copied_scene_runs(cli, tmp_path):

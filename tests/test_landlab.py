@@ -325,6 +325,17 @@ def test_an_input_that_is_not_at_nodes_is_refused(element):
         SeaIceFloes(grid)
 
 
+def test_a_grid_is_left_as_it_was_where_floes_are_refused():
+    grid = RasterModelGrid((9, 10), xy_spacing=1000.0)
+    for given, says in (
+        ({"floes": Floes(-3000.0, 4000.0, 200.0, 1.0)}, "1 of 1 floes lie outside the domain"),
+        ({"concentration": 0.5}, "sizes is missing"),
+    ):
+        with pytest.raises(InputError, match=says):
+            SeaIceFloes(grid, **given)
+    assert list(grid.at_node) == []
+
+
 def test_inputs_are_looked_up_afresh_and_outputs_are_written_in_place():
     floes = some_floes()
     once, replaced = (forced(RasterModelGrid((9, 10), xy_spacing=1000.0)) for _ in "ab")
