@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+FASTEST_GIF = 50  # frames a second: a GIF counts hundredths of a second, and players slow down those of less than two
+
 
 def write_mp4(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
     import imageio_ffmpeg

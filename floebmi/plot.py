@@ -50,7 +50,7 @@ from floebmi.drawing import (
 )
 from floebmi.errors import InputError, check_text, choose, in_line
 from floebmi.files import check_kind, in_one_go, path_of
-from floebmi.film import write_gif, write_mp4
+from floebmi.film import FASTEST_GIF, write_gif, write_mp4
 from floebmi.output import open_file
 from floebmi.page import page_of, write_page
 from floebmi.picture import FloePicture
@@ -228,12 +228,14 @@ def animate(
     Raises
     ------
     InputError
-        as `frame`, and for another file name extension, fps < 1 or every < 1.
+        as `frame`, and for another file name extension, fps < 1, fps > 50 for a .gif, or every < 1.
     """
     to = path_of("to", to)
     check_kind(to, (".mp4", ".gif"))
     if not (is_number(fps) and fps >= 1):
         raise InputError(f"fps = {fps!r}: must be at least 1")
+    if to.suffix == ".gif" and fps > FASTEST_GIF:
+        raise InputError(f"fps = {fps!r}: must be at most {FASTEST_GIF} for a .gif; write an .mp4")
     check_every(every)
     if not (progress is None or callable(progress)):
         raise InputError(f"progress = {in_line(progress)}: must be a function, or None")

@@ -670,6 +670,10 @@ def test_the_users_settings_are_left_alone(run, tmp_path):
         (lambda f, g: draw.field(g, "sea_surface_tilt_x"), "has no sea_surface_tilt_x"),
         (lambda f, g: draw.animate(f, to="a.avi"), "a.avi: allowed: .gif, .mp4"),
         (lambda f, g: draw.animate(f, to="a.gif", fps=0), "fps = 0: must be at least 1"),
+        (
+            lambda f, g: draw.animate(f, to="a.gif", fps=60),
+            "fps = 60: must be at most 50 for a .gif",
+        ),
     ],
 )
 def test_unusable_words_are_refused_in_one_line(run, call, message):
