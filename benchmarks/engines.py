@@ -28,6 +28,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,6 +49,7 @@ WARM = 100
 FRACTION = 0.3  # of the stability limit
 SAME = 0.05  # largest difference of kinetic energy and of contacts, relative to floebmi's
 LARGEST_FOR_YADE = 100_000  # it needs minutes to set up more
+MANY = 50_000  # floes: of fewer, what they add to a process is lost in its own memory
 # Skin in smallest radii and style of the neighbour list by size ratio: the fastest that --tune found.
 TUNED = {
     "lammps": {2: (0.5, "bin"), 10: (1.2, "bin"), 100: (2.0, "multi")},
@@ -188,7 +190,11 @@ def take_turn(engine: str, program: str, scene: Scene, tuned: tuple[float, str])
             stderr=subprocess.STDOUT,
             env=os.environ | alone,
         )
-        _, status, usage = os.wait4(process.pid, 0)
+        try:
+            _, status, usage = os.wait4(process.pid, 0)
+        except BaseException:  # Ctrl-C: what nobody waits for any more would go on
+            process.kill()
+            raise
         process.returncode = os.waitstatus_to_exitcode(status)
         out.seek(0)
         text = out.read()
@@ -290,7 +296,9 @@ def measure(scene: Scene, found: dict[str, str], repeats: int, bare: dict[str, i
             "skin": tuned_for(engine, scene),
             "floe_steps_per_second": work / statistics.median(turn.seconds for turn in taken),
             "faster_by": {own: (statistics.median(r), min(r), max(r)) for own, r in ratios.items()},
-            "memory_per_floe": (taken[-1].memory - bare[engine]) / scene.floes,
+            "memory_per_floe": (
+                (taken[-1].memory - bare[engine]) / scene.floes if scene.floes > MANY else None
+            ),
             "rebuild_share": statistics.median(turn.rebuild / turn.seconds for turn in taken),
             "rebuilds": taken[-1].rebuilds,
             "energy": taken[-1].last["energy"],
@@ -317,7 +325,7 @@ def show(rows: list[dict]) -> None:
             f"{f'{middle:.2f} ({low:.2f} … {high:.2f})':>34}"
             for middle, low, high in row["faster_by"].values()
         )
-        memory = f"{row['memory_per_floe']:.0f}" if row["floes"] > 50_000 else "·"
+        memory = "·" if row["memory_per_floe"] is None else f"{row['memory_per_floe']:.0f}"
         print(
             f"  {row['engine']:<17}{row['floe_steps_per_second'] / 1e6:>14.2f}{faster}"
             f"{memory:>12}{row['rebuild_share']:>7.1%}{row['rebuilds']:>10}"
@@ -383,46 +391,110 @@ def draw(rows: list[dict], file: Path) -> None:
         axes.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes])
         axes.set_ylabel("floebmi is faster by [times]")
         axes.set_title("Frictional discs, packing 0.85, one core")
-        axes.legend()
+        if others:
+            axes.legend()
         axes.spines[["top", "right"]].set_visible(False)
         figure.savefig(file, dpi=150)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+# ---- the command ------------------------------------------------------------------------------------
 
+
+def whole(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
+    return int(text)
+
+
+def numbers_from(least: float) -> Callable[[str], list[float]]:
     def numbers(text: str) -> list[float]:
-        return [float(part) for part in text.split(",")]
+        found = [float(part) for part in text.split(",")]
+        if not all(least <= number < math.inf for number in found):
+            raise argparse.ArgumentTypeError(f"{text}: must be numbers, at least {least:g}")
+        return found
 
-    parser.add_argument("--sizes", type=numbers, default=[1e3, 1e4, 1e5, 1e6])
-    parser.add_argument("--ratios", type=numbers, default=[2, 10, 100])
-    parser.add_argument("--packs", type=lambda text: text.split(","), default=list(PACKS))
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--steps", type=int, help="timed in a turn; default: fewer for more floes")
+    return numbers
+
+
+def names_of(known: Collection[str]) -> Callable[[str], list[str]]:
+    def names(text: str) -> list[str]:
+        found = text.split(",")
+        if unknown := set(found) - set(known):
+            raise argparse.ArgumentTypeError(
+                f"{', '.join(sorted(unknown))}; known: {', '.join(known)}"
+            )
+        return found
+
+    return names
+
+
+def file_to_write(text: str) -> Path:
+    """Looked at before the runs, which take hours."""
+    if not Path(text).parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: there is no such folder")
+    return Path(text)
+
+
+def rows_of(text: str) -> tuple[Path, list[dict]]:
+    """A file of rows, and those that it holds already."""
+    file = file_to_write(text)
+    if not file.exists():
+        return file, []
+    try:
+        rows = json.loads(file.read_text())
+        if all({"scene", "engine"} <= set(row) for row in rows):
+            return file, rows
+    except (OSError, ValueError, TypeError):
+        pass
+    raise argparse.ArgumentTypeError(f"{text}: is there, but holds no rows of this command")
+
+
+def picture(text: str) -> Path:
+    if Path(text).suffix not in (".png", ".pdf", ".svg"):
+        raise argparse.ArgumentTypeError(f"{text}: must end with .png, .pdf or .svg")
+    return file_to_write(text)
+
+
+def command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    engines = [*FLOEBMI, *INSTALL]
+    parser.add_argument("--sizes", type=numbers_from(1), default=[1e3, 1e4, 1e5, 1e6])
+    parser.add_argument("--ratios", type=numbers_from(1), default=[2, 10, 100])
+    parser.add_argument("--packs", type=names_of(PACKS), default=list(PACKS))
+    parser.add_argument("--repeats", type=whole, default=5)
     parser.add_argument(
-        "--engines",
-        type=lambda text: text.split(","),
-        default=[*FLOEBMI, *INSTALL],
+        "--steps", type=whole, help="timed in a turn; default: fewer for more floes"
     )
+    parser.add_argument("--engines", type=names_of(engines), default=engines)
     for engine, program in (("lammps", "lmp"), ("liggghts", "liggghts"), ("yade", "yade")):
         parser.add_argument(f"--{engine}", default=program, metavar="PROGRAM")
     parser.add_argument("--folder", type=Path, help="keep the packs here for the next time")
-    parser.add_argument("--json", type=Path, help="write rows here; other rows in it are kept")
-    parser.add_argument("--figure", type=Path, help="draw all rows of --json, or of this run")
+    parser.add_argument(
+        "--json",
+        type=rows_of,
+        default=(None, []),
+        metavar="FILE",
+        help="write rows here; other rows in it are kept",
+    )
+    parser.add_argument(
+        "--figure",
+        type=picture,
+        metavar="FILE.png",
+        help="draw all rows of --json, or of this run",
+    )
     parser.add_argument("--tune", action="store_true", help="only look for the best skins")
-    options = parser.parse_args()
-    known = {*FLOEBMI, *INSTALL}
-    if unknown := set(options.engines) - known:
-        parser.error(f"--engines: {', '.join(sorted(unknown))}; known: {', '.join(sorted(known))}")
-    if unknown := set(options.packs) - set(PACKS):
-        parser.error(f"--packs: {', '.join(sorted(unknown))}; known: {', '.join(PACKS)}")
+    return parser
+
+
+def compare(options: argparse.Namespace) -> None:
     found = programs(options)
+    if not found:
+        raise SystemExit("none of these engines is here: nothing to compare")
+    file, rows = options.json
+    alike = True
     with tempfile.TemporaryDirectory() as temporary:
         root = options.folder or Path(temporary)
         bare = compare_collision(root, found)
-        rows, alike = [], True
-        if options.json and options.json.exists():
-            rows = json.loads(options.json.read_text())
         for n in options.sizes:
             for ratio, kind in itertools.product(options.ratios, options.packs):
                 if kind == "jammed" and ratio > 2:
@@ -432,16 +504,31 @@ def main() -> None:
                     tune(scene, found)
                     continue
                 measured = measure(scene, found, options.repeats, bare)
+                if not measured:
+                    continue  # of YADE alone, more than it can set up
                 show(measured)
                 alike &= same_work(measured)
                 new = {(row["scene"], row["engine"]) for row in measured}
                 rows = [row for row in rows if (row["scene"], row["engine"]) not in new] + measured
-                if options.json:
-                    options.json.write_text(json.dumps(rows, indent=1) + "\n")
+                if file:
+                    file.write_text(json.dumps(rows, indent=1) + "\n")
     if options.figure and rows:
         draw(rows, options.figure)
     if not alike:
         raise SystemExit(f"engines did not do the same work: they differ by more than {SAME:.0%}")
+
+
+def main() -> None:
+    parser = command_line()
+    options = parser.parse_args()
+    try:
+        compare(options)
+    except fb.InputError as error:
+        parser.error(str(error))
+    except RuntimeError as error:  # of an engine, with its last lines
+        raise SystemExit(str(error)) from None
+    except KeyboardInterrupt:
+        raise SystemExit("stopped; the rows of finished scenes are in the file of --json") from None
 
 
 if __name__ == "__main__":

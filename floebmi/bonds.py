@@ -61,6 +61,7 @@ def hold(bonds, strength, youngs_modulus, mean_radius, gap, shear, bent, bonded,
 
     0 : no bond.  −1 : a beam that broke while the floes still touch; they bond again at their next touch.
     strength : σ_c of the pair [Pa]; gap : δ [m]; shear : shear stress [Pa]; bent : stress of the outer fibre [Pa]
+    dt : 0 before the first step of an exchange, when what breaks could not be booked
     """
     raise TypeError(f"no bond law for {type(bonds).__name__}")
 
@@ -76,7 +77,7 @@ def _(bonds: TensileStrength, strength, youngs_modulus, mean_radius, gap, shear,
     # f_n = k_n δ < σ_c R_ij h_min, divided by h_min
     holds = youngs_modulus * gap < (share * strength - bent) * mean_radius
     holds = holds and unsheared(bonds.beam, shear, share)
-    holds = bonded > 0.0 and holds
+    holds = bonded > 0.0 and (holds or spared(bonds.beam, gap, dt))
     return share if holds or meets(bonds.beam, bonded, gap) else spent(bonds.beam, gap)
 
 
@@ -101,6 +102,17 @@ def unsheared(beam, shear, share):
 @unsheared.register
 def _(beam: None, shear, share):
     return True
+
+
+@dispatched
+def spared(beam, gap, dt):
+    """Whether no time passes, while floes touch: a beam too weak from their first touch breaks in the next step."""
+    return dt == 0.0 and gap < 0.0
+
+
+@spared.register
+def _(beam: None, gap, dt):
+    return False
 
 
 @dispatched

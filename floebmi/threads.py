@@ -1,7 +1,8 @@
 """Large packs on several threads, each with its chunks of tiles; results are bitwise equal for any number of threads."""
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
@@ -43,27 +44,36 @@ def verlet_in_threads(
     buffers = np.empty(PAIR_BUFFER), np.empty(FORCE_BUFFER)
 
     def share(thread: int) -> int:
-        own = (
-            (lag, (*buffers, lists.blows))
-            if thread == 0
-            else (lag.copy(), (*map(np.empty_like, buffers), np.empty_like(lists.blows)))
-        )
-        try:
+        with _let_others_end(counter):
+            own = (
+                (lag, (*buffers, lists.blows))
+                if thread == 0
+                else (lag.copy(), (*map(np.empty_like, buffers), np.empty_like(lists.blows)))
+            )
             return _share(
                 thread, threads, bounds, counter, fastest, laws, forces, at, packed, lists, walls, tally,
                 first_kick, way, dt, steps, substeps, marked, travelled, reach, drag_every, *own,
             )  # fmt: skip
-        except BaseException:
-            counter[0] = np.iinfo(np.int64).max // 2  # so that no other thread waits for this one
-            raise
 
-    with ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext() as pool:
+    pool = ThreadPoolExecutor(threads - 1) if threads > 1 else nullcontext()
+    # a thread may not even start: systems limit their number
+    with pool, _let_others_end(counter):
         others = [pool.submit(share, thread) for thread in range(1, threads)]
         done = share(0)
         for other in others:
             other.result()
     _end(forces, at, packed, lists, walls, tally, dt, done, steps, substeps, lag, buffers[1])
     return done
+
+
+@contextmanager
+def _let_others_end(counter: np.ndarray) -> Iterator[None]:
+    """After an error no thread goes on waiting for the others; counter : see `meet`."""
+    try:
+        yield
+    except BaseException:
+        counter[0] = np.iinfo(np.int64).max // 2
+        raise
 
 
 @in_place

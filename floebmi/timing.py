@@ -19,10 +19,10 @@ LEAST_SECONDS = 1.0  # of all turns
 def shares_of_a_step(model: Model) -> dict[str, float]:
     """The shares of "contacts", "forces" (all but those) and "motion" in the time of a step from here [1]; they sum to 1.
 
-    Those that the model has; in the paper's schemes the forces are part of the motion.  Empty before the first step.  Takes
-    about a second, and leaves the model as it is.
+    Those that the model has; in the paper's schemes the forces are part of the motion.  Empty before the first step and
+    without floes.  Takes about a second, and leaves the model as it is.
     """
-    if not model.counters.steps:
+    if not model.counters.steps or not model.floes.active.any():
         return {}
     parts = []
     if model.contact is not None:
@@ -34,8 +34,10 @@ def shares_of_a_step(model: Model) -> dict[str, float]:
     while len(turns) < LEAST_TURNS or time.perf_counter() - begin < LEAST_SECONDS:
         turns.append([model.seconds_per_step(steps, without) for without in (None, *parts)])
     whole, *others = np.array(turns).T
-    shares = {
-        name: 1.0 - float(np.median(other / whole))
+    shares = {  # a part that takes nothing may be timed at less than that
+        name: max(0.0, 1.0 - float(np.median(other / whole)))
         for name, other in zip(parts, others, strict=True)
     }
-    return shares | {"motion": 1.0 - sum(shares.values())}
+    shares["motion"] = max(0.0, 1.0 - sum(shares.values()))
+    total = sum(shares.values())
+    return {name: share / total for name, share in shares.items()}

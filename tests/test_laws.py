@@ -133,6 +133,24 @@ def test_a_young_beam_resists_shear_with_its_share_of_the_strength():
     assert after.bonded == -1.0
 
 
+def test_a_beam_too_weak_from_the_first_touch_breaks_in_a_step_and_not_between_exchanges():
+    """It broke unbooked, and as an edit by the user after a restart."""
+
+    def floes_that_meet_askew():
+        floes = Floes([20.0, 40.2], 50.0, R, 1.0, u=[1.0, 0.0], v=[2.0, 0.0])
+        law = Contact(friction=Coulomb(0.3), bonds=BEAM._replace(beam=Beam(1e3)))
+        return Model(Domain((0.0, 100.0), (0.0, 100.0)), floes, law)
+
+    model, restarted = floes_that_meet_askew(), floes_that_meet_askew()
+    while not model.counters.bonds_broken:
+        restarted.restore(model.state())
+        for one in (model, restarted):
+            one.step_by(1)
+        assert "edits by the user" not in restarted.ledger.accounts
+        assert np.array_equal(model.ledger.now, restarted.ledger.now)
+    assert model.ledger.accounts["broken bonds"][-1] < 0.0
+
+
 def test_a_beam_breaks_in_bending_where_its_outer_fibre_has_the_tensile_strength():
     before, after = last_bonded(Contact(bonds=BEAM), -1e-6, (0.0, 0.0, 0.02), 2.0)
     assert before.moment == pytest.approx(STRENGTH * R**2 / 6, rel=0.01)

@@ -86,6 +86,25 @@ def test_a_thread_that_fails_keeps_nobody_waiting(small_chunks, monkeypatch):
     assert np.array_equal(model.floes.x, before.x) and model.time == 0.0
 
 
+def test_a_thread_that_cannot_start_keeps_nobody_waiting(small_chunks, monkeypatch):
+    """Those that had started waited for it for ever."""
+    start, started = threading.Thread.start, []
+
+    def starts_once(thread):
+        if started:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+        start(thread)
+
+    model = pack_of_floes(frictional(), threads=3)
+    with monkeypatch.context() as limited:
+        limited.setattr(threading.Thread, "start", starts_once)
+        with pytest.raises(RuntimeError, match="can't start new thread"):
+            model.advance(0.5)
+    assert started and not started[0].is_alive() and model.time == 0.0
+    model.advance(0.5)
+
+
 def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
     whole = pack_of_floes(frictional(), step=Step(fraction=0.3))
     whole.advance(0.3)

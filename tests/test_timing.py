@@ -66,3 +66,20 @@ def test_parts_that_a_model_does_not_have_are_not_told(monkeypatch):
         lone.seconds_per_step(10)
     lone.advance(10.0)
     assert list(shares_of_a_step(lone)) == ["forces", "motion"]
+
+
+def test_no_share_is_negative_however_noisy_the_machine(monkeypatch):
+    monkeypatch.setattr("floebmi.timing.LEAST_SECONDS", 0.0)
+    model = pack()
+    for seconds, shares in (
+        ({None: 1.0, "contacts": 1.3, "forces": 0.5}, [0.0, 0.5, 0.5]),
+        ({None: 1.0, "contacts": 0.1, "forces": 0.4}, [0.6, 0.4, 0.0]),
+    ):
+        monkeypatch.setattr(Model, "seconds_per_step", lambda *a, of=seconds: of[a[-1]])
+        assert list(shares_of_a_step(model).values()) == pytest.approx(shares)
+
+
+def test_a_step_without_floes_has_no_parts():
+    model = Model(Domain((0, 24), (0, 24)), Floes([], [], [], []), forces=[OceanDrag()])
+    model.advance(10.0)
+    assert model.counters.steps and shares_of_a_step(model) == {}
