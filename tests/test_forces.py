@@ -23,6 +23,7 @@ from floebmi.forces import (
     Coriolis,
     CoriolisField,
     Force,
+    GeostrophicTilt,
     OceanDrag,
     Tilt,
     acceleration,
@@ -164,6 +165,20 @@ def test_a_geostrophic_current_carries_a_floe_with_it():
     assert (model.floes.u[0], model.floes.v[0]) == pytest.approx((u, 0.0), abs=1e-12)
 
 
+@pytest.mark.parametrize("f", [1.4e-4, -1.4e-4])
+def test_ice_without_wind_drifts_with_a_current_that_the_slope_balances(f):
+    """With the Coriolis force alone it turned out of the current, by a third of a right angle."""
+    forces = [OceanDrag(1026.0, 0.0, 5.5e-3), Coriolis(f), GeostrophicTilt(f)]
+    grid = Grid.uniform((-1e5, 1e5), (-1e5, 1e5), spacing=1e5)
+    model = one(thickness=2.0, u=0.1, v=0.05, grid=grid, forces=forces, domain=ROUND)
+    model.ocean.u[:], model.ocean.v[:] = 0.1, 0.05
+    model.advance(3600.0)
+    assert (model.floes.u[0], model.floes.v[0]) == pytest.approx((0.1, 0.05), abs=1e-15)
+    pulled = np.array(model.ledger.accounts["sea-surface tilt"][1:3])
+    mass = model.floes.mass(model.ice_density)[0]
+    assert pulled == pytest.approx(mass * 3600.0 * f * np.array([-0.05, 0.1]), rel=1e-12)
+
+
 def test_a_body_force_is_an_acceleration():
     model = moved_by(down=-0.5)
     model.advance(4.0)
@@ -171,7 +186,11 @@ def test_a_body_force_is_an_acceleration():
     assert model.floes.y[0] == pytest.approx(-4.0)
 
 
-SOME = {Coriolis: Coriolis(1e-4), BodyForce: BodyForce(1.0, 2.0)}
+SOME = {
+    Coriolis: Coriolis(1e-4),
+    GeostrophicTilt: GeostrophicTilt(1e-4),
+    BodyForce: BodyForce(1.0, 2.0),
+}
 
 
 @pytest.mark.parametrize("force", [SOME.get(kind) or kind() for kind in get_args(Force)])
@@ -247,6 +266,7 @@ def test_the_bound_on_the_speed_is_that_at_which_the_ocean_balances_what_pushes(
     at, water = table_of(OceanDrag())
     for push, here in (
         (BodyForce(0.0, -0.01), {}), (BodyForce(0.006, 0.008), {}), (Tilt(10.0), {"u": 6e-4, "v": 8e-4}),
+        (GeostrophicTilt(-0.02), {"u": 0.3, "v": 0.4}),
     ):  # fmt: skip
         tables = water, table_of(push, **here)[1]
         bound = speed_bound((OceanDrag(), push), tables, 0.2)
