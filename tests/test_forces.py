@@ -403,6 +403,52 @@ def test_a_numpy_number_is_a_number():
     one(forces=[OceanDrag(density=np.int64(1000)), Coriolis(np.float32(1e-4))])
 
 
+@pytest.mark.parametrize("kind", ["uniform", "rectilinear", "curvilinear", "unstructured"])
+def test_the_curl_at_the_seam_of_a_periodic_domain_is_that_of_anywhere_else(kind):
+    """It had been taken on one side of the seam, and was twice as large beside the crest of a jet."""
+    edges_x, edges_y = np.linspace(0.0, 4e3, 9), np.linspace(0.0, 6e3, 13)
+    corners = np.meshgrid(edges_x, edges_y)
+    grid = Grid.uniform((0.0, 4e3), (0.0, 6e3), spacing=500.0)
+    if kind == "rectilinear":
+        grid = Grid.rectilinear(edges_x, edges_y)
+    elif kind == "curvilinear":
+        grid = Grid.curvilinear(*corners)
+    elif kind == "unstructured":
+        grid = Grid.unstructured(grid.node_x, grid.node_y, grid.face_nodes)
+    rng = np.random.default_rng(1)
+    u, v = rng.normal(size=(2, 12, 8))
+    curls = []
+    for period in ((4e3, 6e3), (4e3, None), (None, 6e3)):
+        curl = Vorticity(grid, period)
+        here = curl(u.ravel(), v.ravel()).reshape(12, 8)
+        by = tuple(3 if length else 0 for length in period[::-1])
+        there = curl(*(np.roll(w, by, axis=(0, 1)).ravel() for w in (u, v))).reshape(12, 8)
+        assert np.roll(here, by, axis=(0, 1)) == pytest.approx(there, abs=1e-15)
+        curls.append(here)
+    along_y = np.cos(np.pi * grid.y / 3e3)
+    assert Vorticity(grid, (4e3, 6e3))(along_y, 0 * u.ravel()) == pytest.approx(
+        np.sin(np.pi * grid.y / 3e3) * np.sin(np.pi / 6) / 500.0, abs=1e-15
+    )
+    two = Grid.uniform(
+        (0.0, 1e3), (0.0, 2e3), spacing=500.0
+    )  # each column is on both sides of the other
+    w = np.arange(8.0)
+    assert Vorticity(two, (1e3, None))(w, w) == pytest.approx(Vorticity(two)(w, w), abs=1e-15)
+
+
+def test_the_water_of_a_periodic_model_turns_floes_across_the_seam():
+    model = one(
+        forces=[OceanDrag()],
+        grid=Grid.uniform(*ROUND[:2], spacing=1e5),
+        domain=ROUND,
+        rotation=True,
+    )
+    y = model.grid.y
+    model.ocean.u[:] = np.cos(np.pi * y / 1e6)
+    turn = 0.5 * np.sin(np.pi * y / 1e6) * np.sin(np.pi / 10) / 1e5
+    assert model.ocean.half_curl() == pytest.approx(turn, abs=1e-18)
+
+
 def test_the_short_cut_within_a_uniform_grid_gives_the_fit_of_all_neighbours():
     wet = np.random.default_rng(4).random((12, 15)) > 0.05
     grid = Grid.uniform((0.0, 3000.0), (0.0, 1200.0), shape=wet.shape, wet=wet)
