@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         BodyForce as BodyForce,
         Coriolis as Coriolis,
         CoriolisField as CoriolisField,
+        GeostrophicTilt as GeostrophicTilt,
         OceanDrag as OceanDrag,
         Tilt as Tilt,
     )
@@ -117,6 +118,7 @@ _HOME = {
     "Coriolis": "forces",
     "CoriolisField": "forces",
     "Tilt": "forces",
+    "GeostrophicTilt": "forces",
     "BodyForce": "forces",
     "Step": "dynamics",
     "Model": "model",

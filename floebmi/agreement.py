@@ -64,6 +64,12 @@ def refuse_unlike(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[st
             "restart: does not say where neighbours were listed (list_x …): an older floebmi wrote it; "
             "run the scene again from its start"
         )
+    for table, field in (("ocean", "ocean_u"), ("tilt", "ocean_tilt_x")):
+        if (field in theirs) != (field in expected):
+            here, there = ("given", "none") if field in expected else ("none", "given")
+            raise InputError(
+                f"restart: [{table}] is {here}, the restart's is {there}; must be the same"
+            )
     if set(theirs) != expected:
         odd = ", ".join(sorted(set(theirs) ^ expected))
         raise InputError(f"restart: does not fit this scene (laws or fluids differ: {odd})")

@@ -339,6 +339,7 @@ class Feeder:
             raise InputError(
                 f"inflow.span = {self.span}: narrower than the largest floe; must be at least {widest:g} m"
             )
+        self.seamless = self.domain.period[1 - self.axis] == self.span[1] - self.span[0]
         self.waiting: float | None = None  # radius of the floe that found no room yet
 
     def feed(self, floes: Floes, rng: np.random.Generator) -> np.ndarray:
@@ -364,9 +365,12 @@ class Feeder:
         """A random free place for a disc that touches the edge from inside, if there is one."""
         across = self.across(radius)
         other, along = (floes.x, floes.y) if self.axis == 0 else (floes.y, floes.x)
+        within = (
+            0.0 if self.seamless else radius
+        )  # a floe may lie across a seam, but not over an end
         begin, end = _free(
-            other - across, along, floes.radius + radius, floes.active, self.span[0] + radius,
-            self.span[1] - radius, self.domain.period[1 - self.axis] or np.inf,
+            other - across, along, floes.radius + radius, floes.active, self.span[0] + within,
+            self.span[1] - within, self.domain.period[1 - self.axis] or np.inf,
         )  # fmt: skip
         lengths = end - begin
         if not lengths.sum() > 0:

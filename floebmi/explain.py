@@ -9,7 +9,7 @@ from floebmi import calibration
 from floebmi.boundaries import EDGES
 from floebmi.contact import turns
 from floebmi.floes import FIXED
-from floebmi.forces import AirDrag, CoriolisField, OceanDrag
+from floebmi.forces import AirDrag, CoriolisField, GeostrophicTilt, OceanDrag
 from floebmi.running import duration_text
 from floebmi.sampling import floe_weights, without_cell
 
@@ -172,7 +172,9 @@ def _modelled(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
 
 def table_of_force(kind: type) -> str:
     """The table of a scene that asks for a force: its own name, but that of the fluid for drag."""
-    others = {OceanDrag: "ocean", AirDrag: "atmosphere", CoriolisField: "coriolis"}
+    others = {
+        OceanDrag: "ocean", AirDrag: "atmosphere", CoriolisField: "coriolis", GeostrophicTilt: "tilt"
+    }  # fmt: skip
     return others.get(kind) or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()
 
 

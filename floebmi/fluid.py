@@ -29,7 +29,7 @@ from floebmi.grid import Grid
 from floebmi.gridding import give_back, sizes_of_drag
 from floebmi.kernels import BLOCK
 from floebmi.quantities import flat, is_number, unmasked
-from floebmi.sampling import Weights, gather_each, without_cell
+from floebmi.sampling import Period, Weights, gather_each, without_cell
 from floebmi.vorticity import Vorticity
 
 FASTEST = 1e3  # m/s: a fluid's velocity beyond this is a fill value, or in other units
@@ -86,12 +86,18 @@ class Fluid:
 
     __slots__ = (
         "grid", "impulse_x", "impulse_y", "last_x", "last_y", "undelivered", "layer_thickness",
-        "fields", "_sizes", "_drag", "_curl",
+        "fields", "_sizes", "_drag", "_curl", "_period",
     )  # fmt: skip
 
     u, v, tilt_x, tilt_y, coriolis = _Cells(), _Cells(), _Cells(), _Cells(), _Cells()
 
-    def __init__(self, grid: Grid, fields: Iterable[str] = (), ocean: bool = False) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        fields: Iterable[str] = (),
+        ocean: bool = False,
+        period: Period = (None, None),
+    ) -> None:
         def zeros() -> np.ndarray:
             return np.zeros(grid.size)
 
@@ -105,6 +111,7 @@ class Fluid:
         self.undelivered = np.zeros(2)
         self.layer_thickness: float | None = None
         self._curl: Vorticity | None = None
+        self._period = period
 
     @property
     def magnitude(self) -> np.ndarray | None:
@@ -156,7 +163,7 @@ class Fluid:
     def half_curl(self) -> np.ndarray:
         """Rotation rate of the fluid, ½ (∂v/∂x − ∂u/∂y) [1/s], shape (grid.size,)."""
         if self._curl is None:
-            self._curl = Vorticity(self.grid)
+            self._curl = Vorticity(self.grid, self._period)
         curl = self._curl(self.u, self.v)
         curl *= 0.5
         return curl
@@ -165,8 +172,10 @@ class Fluid:
 # ---- between fluids and forces -----------------------------------------------------------------
 
 
-def fluids_for(forces: Sequence[Force], grid: Grid, atmosphere_grid: Grid) -> dict[str, Fluid]:
-    """The fluids that forces read, "ocean" and "atmosphere", at rest."""
+def fluids_for(
+    forces: Sequence[Force], grid: Grid, atmosphere_grid: Grid, period: Period
+) -> dict[str, Fluid]:
+    """The fluids that forces read, "ocean" and "atmosphere", at rest; period : of the domain, along x and y [m]."""
     read: dict[str, list[str]] = {}
     for force in forces:
         if type(force) in READS:
@@ -174,9 +183,9 @@ def fluids_for(forces: Sequence[Force], grid: Grid, atmosphere_grid: Grid) -> di
             read.setdefault(name, []).extend(fields)
     fluids = {}
     if "ocean" in read:
-        fluids["ocean"] = Fluid(grid, read["ocean"], ocean=True)
+        fluids["ocean"] = Fluid(grid, read["ocean"], ocean=True, period=period)
     if "atmosphere" in read:
-        fluids["atmosphere"] = Fluid(atmosphere_grid, read["atmosphere"])
+        fluids["atmosphere"] = Fluid(atmosphere_grid, read["atmosphere"], period=period)
     return fluids
 
 

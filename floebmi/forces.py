@@ -76,6 +76,17 @@ class Tilt(NamedTuple):
     gravity: Positive = 9.81
 
 
+class GeostrophicTilt(NamedTuple):
+    """Acceleration −g ∇η = f (−v_o, u_o) by the slope that is in balance with the ocean's velocity (eq. sea-surface-tilt).
+
+    Parameters
+    ----------
+    parameter : Coriolis parameter f [1/s], that of `Coriolis`
+    """
+
+    parameter: float
+
+
 class BodyForce(NamedTuple):
     """A uniform acceleration (eq. body-force).
 
@@ -89,7 +100,7 @@ class BodyForce(NamedTuple):
     y: float = 0.0
 
 
-Force = OceanDrag | AirDrag | Coriolis | CoriolisField | Tilt | BodyForce
+Force = OceanDrag | AirDrag | Coriolis | CoriolisField | Tilt | GeostrophicTilt | BodyForce
 
 ACCOUNTS: dict[type, str] = {  # name of each force's account in the ledger
     OceanDrag: "ocean drag",
@@ -97,6 +108,7 @@ ACCOUNTS: dict[type, str] = {  # name of each force's account in the ledger
     Coriolis: "Coriolis",
     CoriolisField: "Coriolis",
     Tilt: "sea-surface tilt",
+    GeostrophicTilt: "sea-surface tilt",
     BodyForce: "body force",
 }
 
@@ -112,6 +124,7 @@ READS: dict[type, tuple[str, dict[str, int]]] = {
     AirDrag: ("atmosphere", {"u": FLUID_U, "v": FLUID_V}),
     CoriolisField: ("ocean", {"coriolis": PARAMETER}),
     Tilt: ("ocean", {"tilt_x": FLUID_U, "tilt_y": FLUID_V}),
+    GeostrophicTilt: ("ocean", {"u": FLUID_U, "v": FLUID_V}),
 }
 
 DRAG_PRESETS: dict[str, tuple[OceanDrag, AirDrag]] = {
@@ -271,6 +284,12 @@ def _(force: Tilt, at, k, u, v):
 
 
 @acceleration.register
+def _(force: GeostrophicTilt, at, k, u, v):
+    f = force.parameter
+    return Push(-f * row(at, FLUID_V, k), f * row(at, FLUID_U, k), 0.0, 0.0, 0.0, 0.0)
+
+
+@acceleration.register
 def _(force: BodyForce, at, k, u, v):
     return Push(force.x, force.y, 0.0, 0.0, 0.0, 0.0)
 
@@ -310,6 +329,8 @@ def speed_bound(forces: tuple[Force, ...], at: Sequence[np.ndarray], speed: floa
     for force in forces:
         if isinstance(force, Tilt):
             push += force.gravity * _fastest(tables[Tilt])
+        elif isinstance(force, GeostrophicTilt):
+            push += abs(force.parameter) * _fastest(tables[GeostrophicTilt])
         elif isinstance(force, BodyForce):
             push += float(np.hypot(force.x, force.y))
         elif type(force) not in _AT_REST:
@@ -389,7 +410,7 @@ def add_fastest_rate(
         rate += TURN * abs(force.parameter)
     elif isinstance(force, CoriolisField):
         rate += TURN * np.abs(at[:, PARAMETER * BLOCK :])
-    elif not isinstance(force, Tilt | BodyForce):
+    elif not isinstance(force, Tilt | GeostrophicTilt | BodyForce):
         _add_rate_at(force, at, speed, rate)
 
 

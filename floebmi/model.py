@@ -229,7 +229,7 @@ class Model:
 
     def _make_fluids(self, atmosphere_grid: Grid) -> None:
         """Make the fluids that the forces read, at rest."""
-        self._fluids = fluids_for(self.forces, self.grid, atmosphere_grid)
+        self._fluids = fluids_for(self.forces, self.grid, atmosphere_grid, self.domain.period)
         self.ocean, self.atmosphere = self._fluids.get("ocean"), self._fluids.get("atmosphere")
         for grid in dict.fromkeys((self.grid, atmosphere_grid)):
             check_images(grid, self.domain.period)

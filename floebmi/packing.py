@@ -113,7 +113,7 @@ def scatter(
     x, y, _, left = settle(radius, ground, rng)
     if left.any():
         raise InputError(
-            f"{asked}: {np.count_nonzero(left)} of {len(left)} floes find no room; "
+            f"{asked}: the floes would cover {filled:.3g} of the area, and {np.count_nonzero(left)} of {len(left)} floes find no room; "
             "choose less ice, smaller floes, or a wider range of sizes"
         )
     order = sort_in_space(x, y, radius) if len(x) else slice(None)

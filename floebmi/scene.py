@@ -27,7 +27,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError, choose, in_line
 from floebmi.files import check_new_folder, check_target, in_one_go
 from floebmi.floes import Floes
-from floebmi.forces import DRAG_PRESETS, BodyForce, Force, Tilt
+from floebmi.forces import DRAG_PRESETS, BodyForce, Force
 from floebmi.grid import Grid
 from floebmi.quantities import Count, Positive
 from floebmi.running import check_forcing, check_intervals
@@ -340,7 +340,7 @@ class Scene(Table):
 
     def lay_out_sea(self, model: "Model") -> None:
         """Set the ocean's surface slope and Coriolis parameter to this scene's; needed again after a restart, which restores those of its own scene."""
-        if self.tilt is not None:
+        if self.tilt is not None and not self.tilt.geostrophic:
             model.ocean.tilt_x[:], model.ocean.tilt_y[:] = self.tilt.slope
         if self.coriolis is not None and self.coriolis.field:
             model.ocean.coriolis[:] = self.coriolis.f
@@ -378,7 +378,7 @@ class Scene(Table):
         if self.coriolis is not None:
             found.append(self.coriolis.build())
         if self.tilt is not None:
-            found.append(law_of(self.tilt, Tilt))
+            found.append(self.tilt.build(self.ocean, self.coriolis))
         if self.body_force is not None:
             found.append(self.body_force)
         return found

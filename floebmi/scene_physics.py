@@ -20,7 +20,16 @@ from floebmi.contact import (
 )
 from floebmi.errors import InputError
 from floebmi.fluid import FASTEST
-from floebmi.forces import DRAG_PRESETS, AirDrag, Coriolis, CoriolisField, Force, OceanDrag, Tilt
+from floebmi.forces import (
+    DRAG_PRESETS,
+    AirDrag,
+    Coriolis,
+    CoriolisField,
+    Force,
+    GeostrophicTilt,
+    OceanDrag,
+    Tilt,
+)
 from floebmi.quantities import NonNegative, Positive, PositiveFraction
 from floebmi.scene_domain import GridTable
 from floebmi.scene_keys import (
@@ -211,6 +220,27 @@ class TiltTable(_Tilt):
     """Sea-surface tilt."""
 
     slope: Pair = Field((0.0, 0.0), description="slope of the sea surface (∂η/∂x, ∂η/∂y) [1]")
+    geostrophic: bool = Field(
+        False,
+        description="take the slope that is in geostrophic balance with the velocity of [ocean], instead of `slope`",
+    )
+
+    @model_validator(mode="after")
+    def _one_slope(self) -> Self:
+        if self.geostrophic and self.model_fields_set & {"slope", "gravity"}:
+            raise InputError(
+                "geostrophic takes the place of slope and gravity; give one or the other"
+            )
+        return self
+
+    def build(self, ocean: Ocean | None, coriolis: CoriolisTable | None) -> Tilt | GeostrophicTilt:
+        if not self.geostrophic:
+            return law_of(self, Tilt)
+        if ocean is None or coriolis is None or coriolis.field:
+            raise InputError(
+                "[tilt] geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
+            )
+        return GeostrophicTilt(coriolis.f)
 
 
 class Ice(Table):

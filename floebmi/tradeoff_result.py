@@ -62,7 +62,7 @@ def setting_text(data: "xr.Dataset", setting: str) -> str:
     one = data.sel(setting=setting, quantity=of)
     told = " ".join(f"--set {change}" for change in setting.split()) or AS_IT_IS
     noise = (
-        f", which {data.attrs['seeds']} seeds know to ± {float(one.noise):.1g}"
+        f", which {data.attrs['seeds']} seeds know to ± {float(one.noise):.2g}"
         if one.noise > 0
         else ""
     )
@@ -107,7 +107,7 @@ def _with_noise(one: "xr.Dataset") -> str:
     error, noise = float(one.error), float(one.noise)
     if error == 0.0:
         return "0"
-    return f"{error:.2g}" + (f" ± {noise:.1g}" if noise > 0 else "")
+    return f"{error:.2g}" + (f" ± {noise:.2g}" if noise > 0 else "")
 
 
 def figure(data: "xr.Dataset") -> "Figure":

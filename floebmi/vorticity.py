@@ -1,34 +1,48 @@
 """Vorticity of a fluid on any exchange grid, which turns the floes (eqs. ocean-torque, air-torque).
 
 The gradient in a wet cell is the weighted least-squares fit through the wet cells that share a corner with
-it: exact for a field that is linear in space, on every kind of grid and beside every coast.
+it, also across the seam of a periodic domain: exact for a field that is linear in space, on every kind of grid and
+beside every coast.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from floebmi.grid import Grid
 from floebmi.kernels import in_place
+from floebmi.sampling import Period
 
 if TYPE_CHECKING:
     from scipy import sparse
 
 
-def gradient_operators(grid: Grid) -> "tuple[sparse.csr_array, sparse.csr_array]":
-    """Sparse matrices (size, size) that give ∂/∂x and ∂/∂y [1/m] at the cells; 0 on dry and lone cells."""
+def gradient_operators(
+    grid: Grid, period: Period = (None, None)
+) -> "tuple[sparse.csr_array, sparse.csr_array]":
+    """Sparse matrices (size, size) that give ∂/∂x and ∂/∂y [1/m] at the cells; 0 on dry and lone cells.
+
+    period : lengths along x and y [m]; cells on both sides of a seam are neighbours
+    """
     from scipy import sparse  # slow to import, and not needed for floes that do not rotate
 
     corner = grid.face_nodes.astype(np.int32)  # half the memory traffic of int64
     cell = np.repeat(np.arange(grid.size, dtype=np.int32), corner.shape[1])[corner.ravel() >= 0]
-    node = corner.ravel()[corner.ravel() >= 0]
+    seams = [length if _has_seam(grid, axis) else None for axis, length in enumerate(period)]
+    node = _across(grid, seams)[corner.ravel()[corner.ravel() >= 0]]
     touches = sparse.csr_array(
         (np.ones(len(cell)), (cell, node)), shape=(grid.size, grid.node_x.size)
     )
     pairs = (touches @ touches.T).tocoo()
     near = (pairs.row != pairs.col) & grid.wet[pairs.row] & grid.wet[pairs.col]
     one, other = pairs.row[near], pairs.col[near]
-    dx, dy = grid.x[other] - grid.x[one], grid.y[other] - grid.y[one]
+    dx, dy = (
+        apart - length * np.rint(apart / length) if length else apart
+        for apart, length in zip(
+            (grid.x[other] - grid.x[one], grid.y[other] - grid.y[one]), seams, strict=True
+        )
+    )
     weight = 1.0 / (dx**2 + dy**2)
 
     def total(values: np.ndarray) -> np.ndarray:
@@ -49,6 +63,25 @@ def gradient_operators(grid: Grid) -> "tuple[sparse.csr_array, sparse.csr_array]
         operator.eliminate_zeros()  # so that dry cells are not read
         operators.append(operator)
     return operators[0], operators[1]
+
+
+def _has_seam(grid: Grid, axis: int) -> bool:
+    """Whether a period can make neighbours along an axis: of two columns, each is on both sides of the other."""
+    return len(grid.shape) == 1 or grid.shape[1 - axis] > 2
+
+
+def _across(grid: Grid, lengths: Sequence[float | None]) -> np.ndarray:
+    """The number of each node; of two that are a period apart, the same."""
+    number = np.arange(grid.node_x.size, dtype=np.int32)
+    for axis, length in enumerate(lengths):
+        if length:
+            from scipy.spatial import cKDTree  # slow to import, and needed for a seam only
+
+            places = np.column_stack([grid.node_x, grid.node_y])
+            there = places - length * np.eye(2)[axis]
+            far, partner = cKDTree(places).query(there, distance_upper_bound=1e-6 * length)
+            number[np.isfinite(far)] = number[partner[np.isfinite(far)]]
+    return number
 
 
 def _uniform(grid: Grid) -> np.ndarray:
@@ -96,8 +129,8 @@ class Vorticity:
     Inside a uniform grid all rows of an operator have the same few numbers, which are not read from memory.
     """
 
-    def __init__(self, grid: Grid) -> None:
-        along_x, along_y = gradient_operators(grid)
+    def __init__(self, grid: Grid, period: Period = (None, None)) -> None:
+        along_x, along_y = gradient_operators(grid, period)
         inner = _uniform(grid)
         self.rest = np.flatnonzero(~inner)
         ends = np.flatnonzero(np.diff(inner.astype(np.int8), prepend=0, append=0))

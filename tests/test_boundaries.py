@@ -12,6 +12,7 @@ from floebmi.forces import AirDrag, BodyForce, OceanDrag, X
 from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
+from floebmi.overlaps import overlapping
 from floebmi.pack import FORCE, MOVING
 from floebmi.packing import scatter
 from floebmi.pairs import Inverse
@@ -193,6 +194,24 @@ def test_floes_come_in_within_the_span_as_they_are_told():
         assert (floes.x[new] == 5.0).all() and (floes.thickness[new] == 2.0).all()
         assert (floes.u[new] == 0.1).all() and (floes.v[new] == -0.2).all()
     assert 25.0 <= min(places) < 26.0 and 54.0 < max(places) <= 55.0
+
+
+def test_floes_come_in_across_the_seam_of_a_periodic_edge_as_anywhere_else():
+    """None had lain across it, so that the ice which came in was looser along the seam."""
+    box = Domain((0.0, 100.0), (0.0, 80.0), south="periodic", north="periodic")
+    inflow = Inflow("west", SingleSize(5.0))
+    places = []
+    for seed in range(200):
+        floes = Floes([], [], [], [])
+        Feeder(inflow, box).feed(floes, np.random.default_rng(seed))
+        assert not overlapping(floes, box)
+        places += floes.y.tolist()
+    away = np.minimum(places, 80.0 - np.array(places))  # from the seam
+    assert 0.8 < np.mean(away < 5.0) / (10.0 / 80.0) < 1.2
+    part = Inflow("west", SingleSize(5.0), span=(0.0, 70.0))  # has two ends
+    floes = Floes([], [], [], [])
+    Feeder(part, box).feed(floes, np.random.default_rng(1))
+    assert floes.y.min() >= 5.0 and floes.y.max() <= 65.0
 
 
 def test_a_load_is_of_the_ice_and_not_of_the_coast():

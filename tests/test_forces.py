@@ -23,6 +23,7 @@ from floebmi.forces import (
     Coriolis,
     CoriolisField,
     Force,
+    GeostrophicTilt,
     OceanDrag,
     Tilt,
     acceleration,
@@ -164,6 +165,20 @@ def test_a_geostrophic_current_carries_a_floe_with_it():
     assert (model.floes.u[0], model.floes.v[0]) == pytest.approx((u, 0.0), abs=1e-12)
 
 
+@pytest.mark.parametrize("f", [1.4e-4, -1.4e-4])
+def test_ice_without_wind_drifts_with_a_current_that_the_slope_balances(f):
+    """With the Coriolis force alone it turned out of the current, by a third of a right angle."""
+    forces = [OceanDrag(1026.0, 0.0, 5.5e-3), Coriolis(f), GeostrophicTilt(f)]
+    grid = Grid.uniform((-1e5, 1e5), (-1e5, 1e5), spacing=1e5)
+    model = one(thickness=2.0, u=0.1, v=0.05, grid=grid, forces=forces, domain=ROUND)
+    model.ocean.u[:], model.ocean.v[:] = 0.1, 0.05
+    model.advance(3600.0)
+    assert (model.floes.u[0], model.floes.v[0]) == pytest.approx((0.1, 0.05), abs=1e-15)
+    pulled = np.array(model.ledger.accounts["sea-surface tilt"][1:3])
+    mass = model.floes.mass(model.ice_density)[0]
+    assert pulled == pytest.approx(mass * 3600.0 * f * np.array([-0.05, 0.1]), rel=1e-12)
+
+
 def test_a_body_force_is_an_acceleration():
     model = moved_by(down=-0.5)
     model.advance(4.0)
@@ -171,7 +186,11 @@ def test_a_body_force_is_an_acceleration():
     assert model.floes.y[0] == pytest.approx(-4.0)
 
 
-SOME = {Coriolis: Coriolis(1e-4), BodyForce: BodyForce(1.0, 2.0)}
+SOME = {
+    Coriolis: Coriolis(1e-4),
+    GeostrophicTilt: GeostrophicTilt(1e-4),
+    BodyForce: BodyForce(1.0, 2.0),
+}
 
 
 @pytest.mark.parametrize("force", [SOME.get(kind) or kind() for kind in get_args(Force)])
@@ -247,6 +266,7 @@ def test_the_bound_on_the_speed_is_that_at_which_the_ocean_balances_what_pushes(
     at, water = table_of(OceanDrag())
     for push, here in (
         (BodyForce(0.0, -0.01), {}), (BodyForce(0.006, 0.008), {}), (Tilt(10.0), {"u": 6e-4, "v": 8e-4}),
+        (GeostrophicTilt(-0.02), {"u": 0.3, "v": 0.4}),
     ):  # fmt: skip
         tables = water, table_of(push, **here)[1]
         bound = speed_bound((OceanDrag(), push), tables, 0.2)
@@ -381,6 +401,52 @@ def test_forces_that_cannot_be_right_are_refused(forces, word):
 
 def test_a_numpy_number_is_a_number():
     one(forces=[OceanDrag(density=np.int64(1000)), Coriolis(np.float32(1e-4))])
+
+
+@pytest.mark.parametrize("kind", ["uniform", "rectilinear", "curvilinear", "unstructured"])
+def test_the_curl_at_the_seam_of_a_periodic_domain_is_that_of_anywhere_else(kind):
+    """It had been taken on one side of the seam, and was twice as large beside the crest of a jet."""
+    edges_x, edges_y = np.linspace(0.0, 4e3, 9), np.linspace(0.0, 6e3, 13)
+    corners = np.meshgrid(edges_x, edges_y)
+    grid = Grid.uniform((0.0, 4e3), (0.0, 6e3), spacing=500.0)
+    if kind == "rectilinear":
+        grid = Grid.rectilinear(edges_x, edges_y)
+    elif kind == "curvilinear":
+        grid = Grid.curvilinear(*corners)
+    elif kind == "unstructured":
+        grid = Grid.unstructured(grid.node_x, grid.node_y, grid.face_nodes)
+    rng = np.random.default_rng(1)
+    u, v = rng.normal(size=(2, 12, 8))
+    curls = []
+    for period in ((4e3, 6e3), (4e3, None), (None, 6e3)):
+        curl = Vorticity(grid, period)
+        here = curl(u.ravel(), v.ravel()).reshape(12, 8)
+        by = tuple(3 if length else 0 for length in period[::-1])
+        there = curl(*(np.roll(w, by, axis=(0, 1)).ravel() for w in (u, v))).reshape(12, 8)
+        assert np.roll(here, by, axis=(0, 1)) == pytest.approx(there, abs=1e-15)
+        curls.append(here)
+    along_y = np.cos(np.pi * grid.y / 3e3)
+    assert Vorticity(grid, (4e3, 6e3))(along_y, 0 * u.ravel()) == pytest.approx(
+        np.sin(np.pi * grid.y / 3e3) * np.sin(np.pi / 6) / 500.0, abs=1e-15
+    )
+    two = Grid.uniform(
+        (0.0, 1e3), (0.0, 2e3), spacing=500.0
+    )  # each column is on both sides of the other
+    w = np.arange(8.0)
+    assert Vorticity(two, (1e3, None))(w, w) == pytest.approx(Vorticity(two)(w, w), abs=1e-15)
+
+
+def test_the_water_of_a_periodic_model_turns_floes_across_the_seam():
+    model = one(
+        forces=[OceanDrag()],
+        grid=Grid.uniform(*ROUND[:2], spacing=1e5),
+        domain=ROUND,
+        rotation=True,
+    )
+    y = model.grid.y
+    model.ocean.u[:] = np.cos(np.pi * y / 1e6)
+    turn = 0.5 * np.sin(np.pi * y / 1e6) * np.sin(np.pi / 10) / 1e5
+    assert model.ocean.half_curl() == pytest.approx(turn, abs=1e-18)
 
 
 def test_the_short_cut_within_a_uniform_grid_gives_the_fit_of_all_neighbours():

@@ -30,6 +30,7 @@ from floebmi.forces import (
     BodyForce,
     Coriolis,
     OceanDrag,
+    Tilt,
     at_floes,
     by_block,
 )
@@ -342,6 +343,8 @@ def scene_of_a_restart(**other):
         ({"grid": Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(3, 4), wet=[False] + 11 * [True])}, "[grid] wet are others"),
         ({"atmosphere_grid": Grid.uniform(DOMAIN.x, DOMAIN.y, shape=(1, 4))}, "[atmosphere] grid.shape = [1, 4]"),
         ({"forces": [OceanDrag(), AirDrag()]}, "[coriolis] = none, the restart's is Coriolis"),
+        ({"forces": [OceanDrag(), AirDrag(), Coriolis(1e-4), Tilt()]}, "[tilt] is given, the restart's is none; must be the same"),
+        ({"forces": [AirDrag(), Coriolis(1e-4)]}, "[ocean] is none, the restart's is given; must be the same"),
         ({"walls": []}, "[walls] 0 = none, the restart's is Wall"),
         ({"inflow": Inflow("south", SingleSize(3.0))}, "[inflow] 0.edge = south, the restart's is none"),
         ({"bare": True}, "[coast] has 0 pieces, the restart's 2; must be the same land and radius"),

@@ -173,6 +173,10 @@ def test_a_concentration_of_0_is_no_ice():
         ({"concentration": 1.2}, "concentration = 1.2; must be between 0 and 1"),
         ({"concentration": 0.97}, "about 0.85 can be packed"),
         ({"concentration": 0.92}, "floes find no room"),
+        (
+            {"concentration": None, "count": 645, "seed": 1},
+            "count = 645: the floes would cover 0.9",
+        ),
         ({"concentration": None, "count": -1}, "count = -1; must be a whole number"),
         (
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},

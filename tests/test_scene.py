@@ -13,7 +13,7 @@ from floebmi import InputError, cgrid, forcing, places, read_scene, remap
 from floebmi.contact import Coulomb, Damsgaard2018Coulomb
 from floebmi.dynamics import Step
 from floebmi.floes import DRIVEN, FIXED
-from floebmi.forces import DRAG_PRESETS, AirDrag, OceanDrag
+from floebmi.forces import DRAG_PRESETS, AirDrag, GeostrophicTilt, OceanDrag
 from floebmi.packing import IceNotPlaced, scatter
 from floebmi.scene import Scene, copy_scene
 from floebmi.scene_keys import Sea
@@ -293,6 +293,25 @@ def test_only_the_forces_that_are_listed_are_in_the_model(two):
     assert coriolis.parameter == pytest.approx(1.4584e-4, rel=1e-4)
     assert (tilt.gravity, body.x) == (9.81, 0.1)
     assert model.ocean.tilt_x[0] == 1e-6
+
+
+def test_the_slope_can_be_in_balance_with_the_current(two):
+    listed = [
+        "ocean.velocity=[0.1,0]",
+        "coriolis.latitude=-75",
+        "tilt.geostrophic=true",
+        "grid.spacing=10",
+    ]
+    forces = read_scene(two, listed).forces()
+    assert forces[-1] == GeostrophicTilt(forces[-2].parameter)
+    for wrong in ("tilt.slope=[1e-6,0]", "tilt.gravity=9.8"):
+        with pytest.raises(InputError, match="takes the place of slope and gravity"):
+            read_scene(two, [*listed, wrong])
+    for wrong in (listed[1:], [listed[0], *listed[2:]], [*listed, "coriolis.field=true"]):
+        with pytest.raises(
+            InputError, match=r"\[tilt\] geostrophic: needs \[ocean\], and \[coriolis\]"
+        ):
+            read_scene(two, wrong).build()
 
 
 def test_draft_can_be_hydrostatic(two):

@@ -264,6 +264,16 @@ def numbers(errors, noise=0.0, cost=(1.0, 2.0, 3.0)):
     return data
 
 
+def test_an_error_that_the_seeds_cannot_tell_is_told_with_its_uncertainty_to_two_digits():
+    """0.12 ± 0.1 had been recommended for an error that is below its uncertainty, 0.13."""
+    data = numbers([0.116, 0.2, 0.0], noise=0.129).assign_attrs(seeds=4)
+    assert tradeoff_result.recommended(data, 0.05) == "fast"
+    assert "(error of drift 0.12, which 4 seeds know to ± 0.13)" in tradeoff_result.setting_text(
+        data, "fast"
+    )
+    assert tradeoff_result._with_noise(data.sel(setting="fast", quantity="drift")) == "0.12 ± 0.13"
+
+
 @pytest.mark.parametrize("shift, same", [(0.0, True), (1.0, False)])
 def test_runs_with_no_number_in_the_same_cells_may_be_the_same(shift, same):
     """A field may have no number in a cell or more; the seeds may change nothing all the same."""
