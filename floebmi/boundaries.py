@@ -365,9 +365,8 @@ class Feeder:
         """A random free place for a disc that touches the edge from inside, if there is one."""
         across = self.across(radius)
         other, along = (floes.x, floes.y) if self.axis == 0 else (floes.y, floes.x)
-        within = (
-            0.0 if self.seamless else radius
-        )  # a floe may lie across a seam, but not over an end
+        # a floe may lie across a seam, but not over an end
+        within = 0.0 if self.seamless else radius
         begin, end = _free(
             other - across, along, floes.radius + radius, floes.active, self.span[0] + within,
             self.span[1] - within, self.domain.period[1 - self.axis] or np.inf,

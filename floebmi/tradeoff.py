@@ -220,7 +220,7 @@ def _inertia_number(model: "Model", grid: Grid, frames: Mapping[str, np.ndarray]
     thickness = f.volume[ice].sum() / f.area[ice].sum()
     mass = model.ice_density * thickness * frames["area_fraction"]
     u, v = np.moveaxis(frames["velocity"] / np.maximum(mass, 1e-12)[:, None], 1, 0).mean(axis=1)
-    along_x, along_y = gradient_operators(grid)
+    along_x, along_y = gradient_operators(grid, model.domain.period)
     rate = np.hypot(along_x @ u - along_y @ v, along_y @ u + along_x @ v)
     iced = frames["area_fraction"].mean(axis=0) > 0.15
     normal = frames["stress"].mean(axis=0)[iced].mean() / thickness if iced.any() else 0.0
