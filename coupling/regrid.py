@@ -62,6 +62,7 @@ ARCS = 16  # great-circle pieces of a parallel, where it meets great-circle cell
 CAP = np.cos(np.radians(60.0))  # how far from its middle the target may reach
 HORIZON = np.cos(np.radians(82.0))  # source cells beyond this are left out …
 LARGEST_CELL = np.cos(np.radians(20.0))  # … which is safe if none is larger than this
+BLOCK = 100_000  # pairs of cells cut at a time: the pieces of all pairs of large grids need too much memory
 ROUND_OFF = 1e-14  # overlaps below this share of both cells are round-off of touching edges
 OVER = 1e-3  # a cell covered by more than this beyond its area is covered twice; corners in single precision do less
 FORMAT = "floebmi overlap areas, version 1"
@@ -547,7 +548,10 @@ def _cut(
     wet_target = np.flatnonzero(target.wet)
     pair = shapely.STRtree(source_cells[wet_source]).query(target_cells[wet_target])
     i, j = wet_target[pair[0]], wet_source[pair[1]]
-    area = measure(shapely.intersection(target_cells[i], source_cells[j]))
+    area = np.empty(len(i))
+    for first in range(0, len(i), BLOCK):
+        block = slice(first, first + BLOCK)
+        area[block] = measure(shapely.intersection(target_cells[i[block]], source_cells[j[block]]))
     kept = area > ROUND_OFF * np.minimum(target_area[i], source_area[j])
     return csr_array((area[kept], (i[kept], j[kept])), shape=(target.size, source.size))
 

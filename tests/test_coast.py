@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 from floebmi.boundaries import Domain
 from floebmi.coast import (
     Coast,
+    _shrunk,
     from_geojson,
     from_land_fraction,
     from_polygons,
@@ -290,6 +291,15 @@ def test_geojson_in_metres_gives_the_coast_of_its_polygons(tmp_path):
     np.testing.assert_array_equal(high.floes.x, coast.floes.x)
 
 
+def test_many_islands_in_geojson_are_merged_like_their_rings(tmp_path):
+    rng = np.random.default_rng(1)
+    boxes = [shapely.box(x, y, x + 150.0, y + 150.0) for x, y in rng.uniform(0.0, 1000.0, (37, 2))]
+    coast = from_geojson(geojson(tmp_path, *map(shapely.geometry.mapping, boxes)), radius=20.0)
+    land = land_geometry(coast.polygons)
+    assert 1 < len(shapely.get_parts(land)) < 37
+    assert land.normalize().equals_exact(shapely.union_all(boxes).normalize(), 1e-9)
+
+
 def test_edges_of_geojson_in_degrees_follow_their_parallels(tmp_path):
     ring = [[0, 70], [90, 70], [90, 75], [0, 75], [0, 70]]
     box = {"type": "Polygon", "coordinates": [ring]}
@@ -364,6 +374,28 @@ def test_a_geojson_file_that_cannot_be_used_is_refused_with_its_feature(tmp_path
     with pytest.raises(InputError) as error:
         from_geojson(path, radius=10.0)
     assert said in str(error.value) and str(path) in str(error.value)
+
+
+def test_a_coastline_much_finer_than_the_discs_is_lined_like_a_coarser_one():
+    angle = np.linspace(0.0, 2 * np.pi, 10_000, endpoint=False)
+    rough = 1.0 + 0.1 * np.cos(7 * angle) + 0.02 * np.cos(61 * angle) + 1e-4 * np.cos(2001 * angle)
+    ring = 50e3 * np.stack([rough * np.cos(angle), rough * np.sin(angle)], axis=1)
+    land, sizes = shapely.Polygon(ring), [800.0, 400.0, 200.0, 100.0]
+    shore = land.boundary
+    shapely.prepare(shore)
+    for size, inner in zip(sizes, _shrunk(land, sizes), strict=True):
+        assert inner.area == pytest.approx(land.buffer(-size, quad_segs=8).area, rel=1e-4)
+        points = shapely.points(shapely.get_coordinates(shapely.segmentize(inner, size / 8)))
+        distance = shapely.distance(points, shore) / size
+        assert 0.99 < distance.min() and distance.max() < 1.000001
+    fine, coarse = from_polygons([ring], 800.0), from_polygons([ring[::10]], 800.0)
+    assert len(fine.floes) == pytest.approx(len(coarse.floes), rel=0.02)
+
+
+def test_land_of_a_coarse_coastline_is_shrunk_at_once():
+    land, sizes = shapely.Polygon(SQUARE), [80.0, 40.0, 20.0, 10.0]
+    for size, shrunk in zip(sizes, _shrunk(land, sizes), strict=True):
+        assert shrunk.equals_exact(land.buffer(-size, quad_segs=8))
 
 
 @pytest.mark.skipif(not NARES.exists(), reason="needs the shared data")

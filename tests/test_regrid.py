@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.spatial import Delaunay
 
+from coupling import regrid as regridding
 from coupling.regrid import EARTH_RADIUS, Regrid, checksum, project, sphere_area
 from floebmi.errors import InputError
 from floebmi.grid import Grid
@@ -643,3 +644,16 @@ def test_cells_around_the_nodes_of_triangles_have_the_lumped_mass_and_keep_the_f
     force = (stress * floes.area).sum()
     assert (regrid.flux(stress) * lumped).sum() == pytest.approx(force, rel=1e-13)
     np.testing.assert_allclose(regrid.state(np.ones(nodes.size)), 1.0, rtol=1e-13)
+
+
+@pytest.mark.parametrize("surface", ["plane", "sphere"])
+def test_cells_cut_in_blocks_have_the_overlaps_of_all_cut_at_once(surface, monkeypatch):
+    source = Grid.rectilinear(np.linspace(0.0, 9.0, 13), np.linspace(40.0, 48.0, 11))
+    x, y = np.meshgrid(np.linspace(1.0, 8.0, 9), np.linspace(41.0, 47.0, 8))
+    target = Grid.curvilinear(x + 0.02 * y, y - 0.03 * x)
+    at_once = Regrid(source, target, surface).overlap
+    monkeypatch.setattr(regridding, "BLOCK", 7)
+    in_blocks = Regrid(source, target, surface).overlap
+    assert at_once.nnz > 70
+    for name in ("data", "indices", "indptr"):
+        np.testing.assert_array_equal(getattr(in_blocks, name), getattr(at_once, name))
