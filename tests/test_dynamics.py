@@ -15,7 +15,7 @@ from floebmi.errors import InputError, StabilityError
 from floebmi.floes import FIXED, FIXED_X, FIXED_Y, Floes
 from floebmi.forces import AirDrag, BodyForce, Coriolis, OceanDrag
 from floebmi.model import Model
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING
+from floebmi.pack import FLOE, FORCE_AND_TORQUE
 from floebmi.packing import relax, scatter
 from floebmi.sizes import UniformSize
 from floebmi.stable_step import stable_step
@@ -483,7 +483,7 @@ def test_seldom_forces_act_for_all_of_the_time_and_not_beyond_its_end(steps, lef
 def test_how_far_floes_have_strayed_is_half_of_how_much_nearer_two_may_be_or_one_and_a_wall():
     def way(x, y, still, walls=None, before=0.25):
         marked = Marked(np.full(len(x), 1.0), np.full(len(x), 2.0), np.full(1, 10.0), before, still)
-        floes = np.zeros(len(x), MOVING).view(np.recarray)
+        floes = np.zeros(len(x), FLOE).view(np.recarray)
         floes.x, floes.y = 1.0 + np.array(x), 2.0 + np.array(y)
         return uncompiled(strayed)(floes, walls, marked)
 
@@ -497,7 +497,7 @@ def test_how_far_floes_have_strayed_is_half_of_how_much_nearer_two_may_be_or_one
 
 def test_the_spin_of_the_papers_scheme_is_a_taylor_step_and_a_held_one_gives_its_work_away():
     force = np.zeros(2, FORCE_AND_TORQUE).view(np.recarray)
-    floes = np.zeros(2, SPINNING).view(np.recarray)
+    floes = np.zeros(2, FLOE).view(np.recarray)
     force.torque, floes.omega = 4.0, 0.5
     p = SimpleNamespace(
         spinning=floes, force=force, held=np.array([1]), inertia=np.full(2, 2.0), angle=np.zeros(2),
