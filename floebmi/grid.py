@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, NamedTuple, final
 
 import numpy as np
@@ -324,8 +324,14 @@ class Grid:
         )
         return grid._freeze()
 
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Of a copy or a pickle, whose arrays NumPy would let be written to."""
+        vars(self).update(state)
+        self._freeze()
+
     def _freeze(self) -> Grid:
-        for value in vars(self).values():
+        for field in fields(self):
+            value = getattr(self, field.name)
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
         return self
