@@ -383,6 +383,7 @@ class Grid:
         low = np.floor((box[:, [0, 2]] - origin) * scale - 1e-9).astype(np.int64)
         high = np.floor((box[:, [1, 3]] - origin) * scale + 1e-9).astype(np.int64)
         low, high = np.clip(low, 0, raster - 1), np.clip(high, 0, raster - 1)
+        low = np.ascontiguousarray(low)  # as it is for a single cell: kernels are compiled once
         count = high - low + 1
         _, cell, bx, by = blocks(low[:, 0], count[:, 0], low[:, 1], count[:, 1])
         b = by * raster[0] + bx
