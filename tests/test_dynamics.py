@@ -7,7 +7,6 @@ import pytest
 from uncompiled import uncompiled
 
 from floebmi import listing
-from floebmi.bonds import TensileStrength
 from floebmi.boundaries import Domain, Wall
 from floebmi.contact import Contact, Coulomb, Damsgaard2018Coulomb, frictional
 from floebmi.dynamics import Marked, Step, strayed, time_left_to_push, time_to_push
@@ -283,38 +282,6 @@ def test_the_same_start_gives_the_same_bits():
         model.advance(5.0)
     assert np.array_equal(runs[0].floes.x, runs[1].floes.x)
     assert np.array_equal(runs[0].floes.angle, runs[1].floes.angle)
-
-
-@pytest.mark.parametrize("step", [Step(), pytest.param(PAPER, marks=pytest.mark.long)])
-def test_a_restart_in_mid_contact_gives_the_same_bits(step):
-    law = Contact(friction=Coulomb(), bonds=TensileStrength(50e3))
-    laws = dict(contact=law, forces=[OceanDrag(), AirDrag(), Coriolis(1e-4)], step=step)
-    first = jostle(**laws)
-    first.ocean.u[:] = 0.3
-    first.advance(2.0)
-    assert len(first.contacts().i) > 20
-    state = first.state()
-    first.advance(3.0)
-    second = jostle(seed=9, **laws)
-    second.restore(state)
-    second.advance(3.0)
-    for name in ("x", "y", "u", "v", "angle", "angular_velocity"):
-        assert np.array_equal(getattr(first.floes, name), getattr(second.floes, name)), name
-    assert np.array_equal(first.ocean.impulse_x, second.ocean.impulse_x)
-    assert np.array_equal(first.ledger.now, second.ledger.now)
-
-
-def test_forgetting_what_contacts_remember_changes_the_run():
-    laws = dict(contact=Contact(friction=Coulomb(), bonds=TensileStrength(50e3)))
-    first = jostle(**laws)
-    first.advance(2.0)
-    state = first.state()
-    assert state["pair_slip"].any()
-    first.advance(3.0)
-    second = jostle(**laws)
-    second.restore(state | {"pair_slip": 0.0 * state["pair_slip"]})
-    second.advance(3.0)
-    assert not np.array_equal(first.floes.x, second.floes.x)
 
 
 @pytest.mark.long
