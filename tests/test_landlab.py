@@ -29,7 +29,7 @@ from floebmi.boundaries import Domain
 from floebmi.coast import from_polygons, on_land
 from floebmi.contact import Contact, Elastic, frictional
 from floebmi.errors import InputError
-from floebmi.floes import Floes
+from floebmi.floes import FIXED, Floes
 from floebmi.forces import AirDrag, Coriolis, CoriolisField, OceanDrag, Tilt
 from floebmi.gridding import area_budget
 from floebmi.sizes import SingleSize
@@ -559,9 +559,9 @@ def test_a_grid_that_tells_other_axes_than_metres_is_refused(units):
 
 def test_floes_are_a_data_record_with_the_cell_of_each():
     grid = RasterModelGrid((6, 6), xy_spacing=1000.0)
-    ice = SeaIceFloes(
-        grid, floes=Floes([600.0, 4100.0, 450.0], [600.0, 3900.0, 3000.0], 100.0, 1.0)
-    )
+    places = [600.0, 4100.0, 450.0], [600.0, 3900.0, 3000.0]
+    # the last stands beyond all cells
+    ice = SeaIceFloes(grid, floes=Floes(*places, 100.0, 1.0, motion=[0, 0, FIXED]))
     record = ice.data_record
     assert record.dataset["element_id"].values.ravel().tolist() == [0, 15, -1]
     assert record.dataset["sea_ice_floe_center__x_coordinate"].values.ravel().tolist() == [600.0, 4100.0, 450.0]  # fmt: skip
