@@ -40,11 +40,12 @@ from floebmi.model import Model
 from floebmi.vorticity import Vorticity, gradient_operators
 
 DOMAIN = Domain((-1e6, 1e6), (-1e6, 1e6))
+ROUND = Domain(*DOMAIN[:2], *["periodic"] * 4)
 STILL = Coriolis(0.0)  # does nothing, but other tests have its machine code
 
 
-def one(radius=100.0, thickness=1.0, u=0.0, v=0.0, rotation=False, **laws):
-    return Model(DOMAIN, Floes(0.0, 0.0, radius, thickness, u, v), rotation=rotation, **laws)
+def one(radius=100.0, thickness=1.0, u=0.0, v=0.0, rotation=False, domain=DOMAIN, **laws):
+    return Model(domain, Floes(0.0, 0.0, radius, thickness, u, v), rotation=rotation, **laws)
 
 
 def moved_by(coriolis=0.0, down=0.0, **start):
