@@ -277,7 +277,7 @@ class SeaIceFloes(Component):
                 domain,
                 floes,
                 contact=frictional() if contact is None else contact,
-                forces=(OceanDrag(), AirDrag(), Tilt(), CoriolisField())
+                forces=(OceanDrag(), AirDrag(), CoriolisField(), Tilt())
                 if forces is None
                 else forces,
                 grid=cells,

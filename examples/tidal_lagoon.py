@@ -81,7 +81,7 @@ def main(folder: Path, tides: int = 1, concentration: float = 0.35) -> Found:
     ocean, air = DRAG_PRESETS["constant-cd"]
     ice = SeaIceFloes(
         grid, concentration=concentration, thickness=0.4, sizes=(30.0, 70.0), coast=coast,
-        contact=frictional(youngs_modulus=1e6), forces=(ocean, air, Tilt(), CoriolisField()), seed=2,
+        contact=frictional(youngs_modulus=1e6), forces=(ocean, air, CoriolisField(), Tilt()), seed=2,
     )  # fmt: skip
     for name in VELOCITY:
         grid.at_node[name][:] = 0.0

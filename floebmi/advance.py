@@ -43,7 +43,7 @@ from floebmi.kernels import BLOCK
 from floebmi.listing import Memory, list_neighbours
 from floebmi.making import work_clock
 from floebmi.pack import Packed, in_space, pack, pack_again, places, unpack
-from floebmi.pairs import emptied
+from floebmi.pairs import any_period, emptied
 from floebmi.stable_step import Stiffest, paper_step, stable_step, stiffest
 from floebmi.state import State
 from floebmi.survey import Contacts, Survey, deepest, pressed, stock_of_each, survey, touching_pairs
@@ -193,7 +193,7 @@ class Advance:
     def _begin(self) -> None:
         """Prepare what steps need besides the list."""
         if self.before is None:
-            self.before = Survey(*survey(self.packed))
+            self.before = Survey(*survey(self._of_any_scheme))
         self.liveliest = max(self.liveliest, self.before.energy)
         self.rate = self._rate_of_forces()
         if self.tested is not None:
@@ -249,15 +249,22 @@ class Advance:
             np.zeros(len(floe)) if dashpot else None, *np.zeros((2, len(floe))),
         )  # fmt: skip
 
+    @property
+    def _of_any_scheme(self) -> Packed:
+        """The packed floes without what only the paper's schemes read, for kernels that are compiled once for all schemes."""
+        return self.packed._replace(previous=None)
+
     def _laws(self) -> Laws:
-        return Laws(self.contact, self.wall_law, *self.period)
+        # where nothing touches, no floe looks for others across a seam
+        period = (None, None) if self.contact is None else self.period
+        return Laws(self.contact, self.wall_law, *period)
 
     def _touch(self) -> None:
         """Compute the forces and short lists at the present positions; no time passes, so nothing is booked."""
         if len(self.pairs.i) or len(self.state.walls):  # else nothing can touch
             touch_all(
-                self._laws(), self.packed, self.lists, self.walls, self._tally(), self.buffers
-            )
+                self._laws(), self._of_any_scheme, self.lists, self.walls, self._tally(), self.buffers
+            )  # fmt: skip
         self.near = True  # the short list is of the present positions
 
     def _tally(self) -> Tally:
@@ -394,7 +401,7 @@ class Advance:
             self.state.seconds.steps += work_clock() - begin
             taken += n
             self._count(n, dt)
-            self._check(Survey(*survey(self.packed)), dt, done + taken * dt)
+            self._check(Survey(*survey(self._of_any_scheme)), dt, done + taken * dt)
             self.travelled = strayed(self.packed.floes, self.walls.walls, self.marked)
             if self._strayed_far():
                 break
@@ -503,7 +510,7 @@ class Advance:
 
     def _check_overlaps(self, when: str) -> None:
         p = self.packed
-        pair, share = deepest(*self.period, p.floes, self.lists.near)
+        pair, share = deepest(*any_period(self.period), p.floes, self.lists.near)
         if share > 1.0:
             one, other = p.number[[self.pairs.i[pair], self.pairs.j[pair]]]
             modulus = self.contact.elastic.youngs_modulus

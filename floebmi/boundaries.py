@@ -10,7 +10,7 @@ from floebmi.arrays import all_within
 from floebmi.dynamics import WALL
 from floebmi.errors import InputError, check_word, in_line
 from floebmi.floes import FIXED_X, FIXED_Y, Floes
-from floebmi.kernels import jit
+from floebmi.kernels import in_place
 from floebmi.quantities import FARTHEST, NonNegative, Positive, check, is_number, unmasked
 from floebmi.sizes import Sizes, check_sizes
 
@@ -383,13 +383,26 @@ class Feeder:
         return None
 
 
-@jit
-def _free(apart, along, reach, active, low, high, period):
+def _free(
+    apart: np.ndarray, along: np.ndarray, reach: np.ndarray, active: np.ndarray, low: float, high: float, period: float
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Beginnings and ends of the free stretches of a line between low and high, where no floe is within its reach.
 
     apart : distances of the floes from the line; along : their positions along it; period : of the line, or inf
     """
-    begin, end, n = np.empty(3 * apart.size + 1), np.empty(3 * apart.size + 1), 0
+    begin, end = np.empty((2, 3 * apart.size))
+    n = _taken(apart, along, reach, active, period, begin, end)
+    order = np.argsort(begin[:n])  # compiled, it would take seconds at first use
+    first = np.maximum.accumulate(np.append(low, end[order]))
+    last = np.minimum(np.append(begin[order], high), high)
+    free = last > first
+    return first[free], last[free]
+
+
+@in_place
+def _taken(apart, along, reach, active, period, begin, end):
+    """Fill in the stretches of the line within reach of a floe; returns their number."""
+    n = 0
     images = 1 if period < np.inf else 0  # across a seam, too
     for k in range(apart.size):
         if active[k] and abs(apart[k]) < reach[k]:
@@ -397,12 +410,4 @@ def _free(apart, along, reach, active, low, high, period):
             for image in range(-images, images + 1):
                 centre = along[k] + image * period if image else along[k]
                 begin[n], end[n], n = centre - half, centre + half, n + 1
-    begin[n] = end[n] = high
-    order = np.argsort(begin[: n + 1])
-    free, start = 0, low
-    first, last = np.empty(n + 1), np.empty(n + 1)
-    for k in order:
-        if min(begin[k], high) > start:
-            first[free], last[free], free = start, min(begin[k], high), free + 1
-        start = max(start, end[k])
-    return first[:free], last[:free]
+    return n

@@ -77,7 +77,7 @@ def _columns(builder, place, distances, offset):
 
 
 def gather(floes, pair_i, pair_j, first, buffer, k):
-    """Fill columns for the pairs first + k to first + k + 3 of `floes`, records of `pack.SPINNING` or `pack.MOVING`.
+    """Fill columns for the pairs first + k to first + k + 3 of `floes`, records of `pack.FLOE`.
 
     DX, DY, DU, DV are differences, j minus i; R, H, OMEGA and W are the values of each floe.
     """

@@ -447,12 +447,20 @@ U, V, OMEGA = (row * BLOCK for row in range(3))  # rows of the buffer of a block
 FORCE_BUFFER = 3 * BLOCK
 
 
+def _blocks(floes: int, width: int) -> np.ndarray:
+    """A zero table for so many floes: two blocks at least.
+
+    The rows of a single block would be contiguous, and all that reads them compiled anew for them.
+    """
+    return np.zeros((max(-(-floes // BLOCK), 2), width))
+
+
 def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
     """A table in the layout of the kernels: one row per block of the given floes, holding the rows of the table.
 
     Only constants of the floes (K/m, K/J) are filled in; impulse, work and the fields of a fluid are 0.
     """
-    blocks = np.empty((-(-len(number) // BLOCK), len(at) * BLOCK))
+    blocks = _blocks(len(number), len(at) * BLOCK)
     _into_blocks(at, number, blocks)
     return blocks
 
@@ -461,8 +469,6 @@ def by_block(at: np.ndarray, number: np.ndarray) -> np.ndarray:
 def _into_blocks(at, number, blocks):
     for block in range(blocks.shape[0]):
         here, first = blocks[block], block * BLOCK
-        for k in range(here.size):
-            here[k] = 0.0
         for name in range(RATE, at.shape[0]):
             for k in range(min(BLOCK, number.size - first)):
                 here[name * BLOCK + k] = at[name, np.uintp(number[first + k])]
@@ -473,7 +479,7 @@ def in_order(at: np.ndarray, place: np.ndarray) -> np.ndarray:
 
     place : −1 for a new floe, which has read no fluid yet and feels no drag
     """
-    blocks = np.zeros((-(-len(place) // BLOCK), at.shape[1]))
+    blocks = _blocks(len(place), at.shape[1])
     _in_order(at, place, blocks)
     return blocks
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, NamedTuple, final
 
 import numpy as np
@@ -324,8 +324,14 @@ class Grid:
         )
         return grid._freeze()
 
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Of a copy or a pickle, whose arrays NumPy would let be written to."""
+        vars(self).update(state)
+        self._freeze()
+
     def _freeze(self) -> Grid:
-        for value in vars(self).values():
+        for field in fields(self):
+            value = getattr(self, field.name)
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
         return self
@@ -377,6 +383,7 @@ class Grid:
         low = np.floor((box[:, [0, 2]] - origin) * scale - 1e-9).astype(np.int64)
         high = np.floor((box[:, [1, 3]] - origin) * scale + 1e-9).astype(np.int64)
         low, high = np.clip(low, 0, raster - 1), np.clip(high, 0, raster - 1)
+        low = np.ascontiguousarray(low)  # as it is for a single cell: kernels are compiled once
         count = high - low + 1
         _, cell, bx, by = blocks(low[:, 0], count[:, 0], low[:, 1], count[:, 1])
         b = by * raster[0] + bx

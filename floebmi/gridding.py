@@ -427,7 +427,8 @@ def _per_floe(name: str, values: np.ndarray | float, n: int) -> np.ndarray:
     array = np.asarray(values, np.float64)
     if array.ndim and array.shape != (n,):
         raise InputError(f"{name} has shape {array.shape}: must be ({n},), one per floe")
-    return np.ascontiguousarray(np.broadcast_to(array, (n,)))
+    # no view that must not be written to, for which the kernel would be compiled anew
+    return np.ascontiguousarray(array) if array.ndim else np.full(n, array)
 
 
 def _check_grid(grid: Grid, size: int) -> None:

@@ -19,9 +19,9 @@ def _record(*names: str) -> np.dtype:
     return np.dtype([(name, np.float64) for name in names])
 
 
-# a floe is one cache line, in the order of `columns.gather`; w is 1/m, or 0 for a floe that no force moves
-SPINNING = _record("x", "y", "u", "v", "r", "h", "omega", "w")
-MOVING = _record("x", "y", "u", "v", "r", "h", "unused", "w")
+# A floe is one cache line, in the order of `columns.gather`; w is 1/m, or 0 for a floe that no force moves.  Without
+# rotation omega is not used: with a record of another kind, kernels that do not read it would be compiled twice.
+FLOE = _record("x", "y", "u", "v", "r", "h", "omega", "w")
 FORCE = _record("x", "y")
 FORCE_AND_TORQUE = _record("x", "y", "torque", "unused")
 
@@ -37,8 +37,8 @@ def _lines(n: int, kind: np.dtype) -> np.ndarray:
 class Packed(NamedTuple):
     """The floes in a kernel's order: arrays of shape (n,), SI units."""
 
-    floes: np.ndarray  # x, y, u, v, r, h, w
-    spinning: np.ndarray | None  # the same records, if they have an omega
+    floes: np.ndarray  # records of FLOE
+    spinning: np.ndarray | None  # the same records, if floes rotate
     force: np.ndarray  # x, y (and torque), of contacts
     number: np.ndarray  # permanent number of the floe
     mass: np.ndarray  # m, 0 of coast
@@ -113,7 +113,7 @@ def pack(
     """
     n = len(number)
     rotation = floes.rotation
-    records = _lines(n, SPINNING if rotation else MOVING)
+    records = _lines(n, FLOE)
     bits, mass, radius = floes.motion[number], floes.mass(density)[number], floes.radius[number]
     land = (bits & LAND) != 0
     inverse = 1.0 / mass

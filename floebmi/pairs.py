@@ -165,6 +165,14 @@ def _(period: None, d):
     return d
 
 
+def any_period(period: tuple[float | None, float | None]) -> tuple[float, ...]:
+    """A length [m] for each direction, beyond all distances where there is no period.
+
+    For kernels that run once in many steps: compiled once, `wrap` gives them the same to the last bit.
+    """
+    return tuple(1e300 if side is None else side for side in period)
+
+
 @dispatched
 def recall(memory, p):
     """The value of pair or floe p; 0 where there is no such array."""

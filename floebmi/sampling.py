@@ -480,10 +480,8 @@ def images(
     thing (m,), x (m,), y (m,): images of the same thing follow each other; without periods, the thing itself or none
     """
     length_x, length_y = check_period(grid, period)
-    reach_x, reach_y = (
-        np.ascontiguousarray(np.broadcast_to(reach, x.shape), np.float64)
-        for reach in (reach_x, reach_y)
-    )
+    # new arrays: a view that must not be written to is another kind, for which the kernel would be compiled anew
+    reach_x, reach_y = (np.full(x.shape, reach, np.float64) for reach in (reach_x, reach_y))
     room = x.size + x.size // 4 + 16
     while True:
         filled = np.empty(room, np.int64), np.empty(room), np.empty(room)

@@ -11,7 +11,7 @@ from floebmi.floes import Floes
 from floebmi.kernels import as_records, in_place, inner
 from floebmi.listing import widest_gap
 from floebmi.pack import Packed
-from floebmi.pairs import PairList, wrap
+from floebmi.pairs import PairList, any_period, wrap
 
 # Stiffness matrix of a floe over its mass [1/s²] in x, y and s = r θ/√2; and the sum of its damping rates [1/s].
 STIFFNESS = np.dtype([(name, np.float64) for name in ("xx", "yy", "xy", "xs", "ys", "ss", "rate")])
@@ -62,7 +62,7 @@ def stiffest(
     return Stiffest(
         *_stiffest(
             contact,
-            *period,
+            *any_period(period),
             packed.floes,
             packed.inverse_x,
             packed.inverse_y,

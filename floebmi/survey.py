@@ -8,7 +8,7 @@ from floebmi.columns import LANES
 from floebmi.contact import coefficient, pair_force, stored, strength
 from floebmi.kernels import dispatched, in_place
 from floebmi.pack import omega_of
-from floebmi.pairs import least_of, recall, wrap
+from floebmi.pairs import any_period, least_of, recall, wrap
 
 
 class Contacts(NamedTuple):
@@ -41,7 +41,8 @@ def touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs):
     if law is None or room == 0:
         return np.empty(0, np.int64), np.empty((0, 9))
     touching, rows = np.empty(room, np.int64), np.empty((room, 9))
-    n = _touching_pairs(law, period_x, period_y, floes, mu, sigma, near, pairs, touching, rows)
+    period = any_period((period_x, period_y))
+    n = _touching_pairs(law, *period, floes, mu, sigma, near, pairs, touching, rows)
     return touching[:n], rows[:n]
 
 

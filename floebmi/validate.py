@@ -631,17 +631,17 @@ def _lagged_ocean(long: bool) -> Iterator[Measure]:
 @_case(16, "area-budget", "docs/theory.md, eq. area-budget")
 def _area_budget(long: bool) -> Iterator[Measure]:
     """Empty cells, cells covered more than once, rows of land: area is conserved for every mask."""
-    domain, rng = Domain((0.0, 1000.0), (0.0, 1000.0)), np.random.default_rng(5)
+    sea, beyond, rng = (0.0, 1000.0), (-20.0, 1020.0), np.random.default_rng(5)
     n, cells = (4000, 40) if long else (400, 12)
-    floes = Floes(*rng.uniform(-20.0, 1020.0, (2, n)), rng.uniform(1.0, 60.0, n), 1.0)
+    floes = Floes(*rng.uniform(*beyond, (2, n)), rng.uniform(1.0, 60.0, n), 1.0)
     floes.x[:50], floes.y[:50] = 500.0, 500.0  # a heap: concentration far above 1
     masks = {"all wet": np.ones((cells, cells), bool), "no water": np.zeros((cells, cells), bool)}
     masks["rows of land"] = np.tile(np.arange(cells)[:, None] % 3 > 0, cells)
     masks["at random"] = rng.random((cells, cells)) < 0.5
     worst, most, finite = 0.0, 0.0, True
     for wet in masks.values():
-        grid = Grid.uniform(domain.x, domain.y, shape=(cells, cells)).with_wet(wet)
-        model = Model(domain, floes.copy(), forces=[OceanDrag()], grid=grid)
+        grid = Grid.uniform(sea, sea, shape=(cells, cells)).with_wet(wet)
+        model = Model(Domain(beyond, beyond), floes.copy(), forces=[OceanDrag()], grid=grid)
         fields, covered = model.fields(), model.coverage()
         both = fields["area_fraction"] + fields["overlap_fraction"]
         total = (grid.area * both).sum() + covered.outside.sum()

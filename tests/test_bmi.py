@@ -193,7 +193,8 @@ def test_what_nobody_sets_is_still_water_and_no_wind(scene: Path) -> None:
 
 def test_a_scene_can_have_every_input_that_the_table_lists(tmp_path: Path) -> None:
     """The Coriolis parameter among them, cell by cell: a floe in each half of the sea turns its own way."""
-    text = """[domain]
+    text = """contact = "frictional"
+[domain]
 x = [0.0, 8000.0]
 y = [0.0, 4000.0]
 [grid]
@@ -222,7 +223,7 @@ exchange = 600.0
         component.update()
         runs[name] = component.model.floes
     alone = [runs["north"].v[0], runs["south"].v[1]]
-    np.testing.assert_allclose(runs["both"].v, alone, rtol=1e-4)  # with steps of other lengths
+    np.testing.assert_allclose(runs["both"].v, alone, rtol=1e-12)
     assert runs["both"].v[0] < 0 < runs["both"].v[1]
 
 

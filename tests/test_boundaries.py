@@ -13,7 +13,7 @@ from floebmi.grid import Grid
 from floebmi.kernels import BLOCK
 from floebmi.model import Model
 from floebmi.overlaps import overlapping
-from floebmi.pack import FORCE, MOVING
+from floebmi.pack import FLOE, FORCE
 from floebmi.packing import scatter
 from floebmi.pairs import Inverse
 from floebmi.sizes import Empirical, PowerLaw, SingleSize, UniformSize
@@ -621,7 +621,7 @@ def test_floes_that_would_come_in_on_a_wall_or_behind_it_are_refused(wall):
 def test_the_blow_of_a_wall_does_its_work_on_floe_and_wall_half_a_step_ahead(axis, side, held):
     """The floe has another mass along the other axis, which no floe has, so that one is not taken for the other."""
     floes, forces, walls = (
-        np.zeros(1, kind).view(np.recarray) for kind in (MOVING, FORCE, WALL)
+        np.zeros(1, kind).view(np.recarray) for kind in (FLOE, FORCE, WALL)
     )  # fmt: skip
     speed, force = ("u", "v")[axis], ("x", "y")[axis]
     inverse_mass, rate = 0.0 if held else 0.25, -0.7

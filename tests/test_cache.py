@@ -1,12 +1,20 @@
-"""Compiled code is kept from run to run, and no run fails because it cannot be."""
+"""Code is compiled no more often than it must be, is kept from run to run, and no run fails because it cannot be."""
 
 import os
 import warnings
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 
-from floebmi import files, kept_code, kernels
+from floebmi import advance, files, fluid, kept_code, kernels, sampling, stable_step, survey
+from floebmi.boundaries import Domain
+from floebmi.contact import frictional
+from floebmi.dynamics import Step
+from floebmi.floes import Floes
+from floebmi.forces import AirDrag, Coriolis, OceanDrag
+from floebmi.model import Model
 
 
 def half(x):
@@ -95,3 +103,53 @@ def test_a_user_without_a_home_gets_no_folder_called_tilde(monkeypatch):
     assert "~" not in str(folder)
     with pytest.raises(OSError):
         folder.mkdir(parents=True)
+
+
+SHARED = {
+    advance: ("touch_all", "deepest"), fluid: ("give_back", "sizes_of_drag"), sampling: ("_gather_each",),
+    stable_step: ("_stiffest",), survey: ("_touching_pairs",),
+}  # fmt: skip
+
+
+@pytest.fixture
+def kinds(monkeypatch):
+    """For each of these kernels, the kinds of arguments for which it is compiled."""
+    found = {}
+
+    def listens(name, kernel):
+        def called(*arguments):
+            found.setdefault(name, set()).add(numba.typeof(arguments))
+            return kernel(*arguments)
+
+        return called
+
+    for module, names in SHARED.items():
+        for name in names:
+            monkeypatch.setattr(module, name, listens(name, getattr(module, name)))
+    return found
+
+
+def touching_floes(n, edges="inactive", step=Step()):
+    domain = Domain((0.0, 1000.0), (0.0, 1000.0), *[edges] * 4)
+    x, y = (
+        place.ravel() for place in np.meshgrid(np.arange(10) * 39.99 + 20.0, np.arange(10) * 90.0)
+    )
+    forces = [OceanDrag(), AirDrag(), Coriolis(1e-4)]
+    return Model(domain, Floes(x[:n], y[:n] + 20.0, 20.0, 1.0), frictional(), forces, step=step)
+
+
+def test_what_is_called_once_an_exchange_is_compiled_once_for_few_floes_or_many_and_any_period(
+    kinds,
+):
+    for model in (touching_floes(3), touching_floes(80, "periodic")):
+        model.advance(0.01)
+        assert model.ocean.magnitude.any() and len(model.contacts().i)
+    of_touch = kinds.pop("touch_all")  # which asks for the period of each pair
+    assert len(of_touch) == 2 and len(kinds) == sum(map(len, SHARED.values())) - 1
+    assert all(len(of) == 1 for of in kinds.values())
+
+
+def test_the_first_forces_of_an_exchange_are_compiled_once_whatever_the_scheme(kinds):
+    for step in (Step(), Step("taylor3", epsilon=0.07)):
+        assert len(touching_floes(3, step=step).contacts().i)
+    assert len(kinds["touch_all"]) == 1

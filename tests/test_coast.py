@@ -1,3 +1,5 @@
+"""Coasts: floes that line the land keep others off it, and land is read from polygons, fractions and files."""
+
 import json
 from pathlib import Path
 

@@ -25,7 +25,7 @@ from floebmi.dynamics import Step
 from floebmi.errors import InputError
 from floebmi.floes import FIXED, Floes
 from floebmi.model import Model
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING
+from floebmi.pack import FLOE, FORCE_AND_TORQUE
 from floebmi.packing import relax
 from floebmi.pairs import (
     BLOW,
@@ -60,7 +60,7 @@ def pair(law, gap, slip_rate=0.0, radius=10.0, slip=0.0, dt=0.0):
 
 def force_and_energy(law, gap, slip, bonded):
     """One pair with r_i = 10, r_j = 15, h = 1 and 2 m: force on i along −n, and elastic energy."""
-    place = np.zeros(2, SPINNING if law.friction else MOVING).view(np.recarray)
+    place = np.zeros(2, FLOE).view(np.recarray)
     place.x, place.r, place.h = [0.0, 25.0 + gap], [10.0, 15.0], [1.0, 2.0]
     place.w = 0.5
     one = np.array([0], np.uint32)
@@ -361,7 +361,7 @@ def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes(law, 
 def test_a_blow_does_its_work_on_both_floes_half_a_step_ahead(normal, along, held, law, account):
     """Across a seam, with spins; and with inverse masses that differ by axis, as where an axis is held."""
     period, dt = 100.0, 0.2
-    floes, force = (np.zeros(4, kind).view(np.recarray) for kind in (SPINNING, FORCE_AND_TORQUE))
+    floes, force = (np.zeros(4, kind).view(np.recarray) for kind in (FLOE, FORCE_AND_TORQUE))
     floes.x, floes.y, floes.r = (
         [98.0, 12.1, 50.0, 69.9],
         [97.0, 2.9, 50.0, 50.0],

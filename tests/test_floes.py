@@ -1,3 +1,5 @@
+"""The table of floes: what it holds, how it grows, and what it refuses."""
+
 import copy
 import doctest
 import pickle

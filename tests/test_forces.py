@@ -71,7 +71,7 @@ def test_a_floe_in_still_water_slows_down_as_the_exact_solution(contact, duratio
 
 
 def test_free_drift_is_that_of_the_printed_coefficients():
-    model = one(885.6, forces=[OceanDrag(), AirDrag(), STILL], domain=ROUND)
+    model = one(885.6, forces=[OceanDrag(), AirDrag(), STILL])
     model.atmosphere.u[:] = 30.0
     model.advance(5 * 86400.0)
     assert model.floes.u[0] == pytest.approx(0.490, abs=5e-4)
@@ -114,7 +114,7 @@ def test_a_floe_takes_the_sub_steps_of_its_own_block():
 
 @pytest.mark.parametrize("wind", [40.0, 5.0])
 def test_a_light_floe_under_a_sudden_wind_never_outruns_its_free_drift(wind):
-    model = one(5.0, 0.05, forces=[OceanDrag(), AirDrag(), STILL], domain=ROUND)
+    model = one(5.0, 0.05, forces=[OceanDrag(), AirDrag(), STILL])
     model.atmosphere.u[:] = wind
     ocean, air = OceanDrag(), AirDrag()
     k = [
@@ -248,8 +248,9 @@ def table_of(force, rotation=False, **rows):
 
 def test_a_step_is_as_short_for_a_field_of_coriolis_parameters_as_for_one_and_for_a_fast_spin():
     for force, here in ((Coriolis(-2e-4), {}), (CoriolisField(), {"f": -2e-4})):
-        rate = np.zeros((1, BLOCK))
-        add_fastest_rate(force, table_of(force, **here)[1], 1.0, 1.0, rate)
+        table = table_of(force, **here)[1]
+        rate = np.zeros((len(table), BLOCK))
+        add_fastest_rate(force, table, 1.0, 1.0, rate)
         assert rate[0, 0] == pytest.approx(16 * 2e-4)
     at, table = table_of(OceanDrag(), True, u=0.3, v=0.4)
     lanes(table, HALF_CURL)[0, 0] = -0.01
@@ -257,7 +258,7 @@ def test_a_step_is_as_short_for_a_field_of_coriolis_parameters_as_for_one_and_fo
         (1.0, 0.0, 2 * 1.5 * at[RATE, 0]),
         (0.0, 9.0, 2 * 9.01 * at[SPIN_RATE, 0]),
     ):
-        rate = np.full((1, BLOCK), 0.25)  # of other forces
+        rate = np.full((len(table), BLOCK), 0.25)  # of other forces
         add_fastest_rate(OceanDrag(), table, speed, spin, rate)
         assert rate[0, 0] == pytest.approx(0.25 + bound, rel=1e-12)
 

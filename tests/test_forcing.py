@@ -1,3 +1,5 @@
+"""Currents and winds from constants, functions and files: place, direction, unit and time are understood or refused."""
+
 import datetime
 import warnings
 from pathlib import Path

@@ -1,5 +1,8 @@
 """Exchange grids: cells, areas, masks, and finding the cell of a point."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from exchange_grids import CELLS, GRIDS, SIDE, masked
@@ -130,6 +133,18 @@ def test_a_mask_changes_nothing_but_the_mask(name):
     assert other.wet.sum() < grid.wet.sum() == grid.size
     assert (other.area == grid.area).all()
     assert (grid.with_wet(other.wet.reshape(grid.shape)).wet == other.wet).all()
+
+
+@pytest.mark.parametrize(
+    "duplicate", [copy.copy, copy.deepcopy, lambda grid: pickle.loads(pickle.dumps(grid))]
+)
+def test_arrays_of_a_copied_grid_cannot_be_overwritten_either(duplicate):
+    grid = Grid.uniform((0.0, 2.0), (0.0, 2.0), shape=(2, 2))
+    assert grid.axes.x.edges is grid.x_edges
+    other = duplicate(grid)
+    for values in (other.x, other.wet, other.axes.x.edges):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
 
 
 def test_arrays_of_a_grid_cannot_be_overwritten():

@@ -1,3 +1,5 @@
+"""From the points of a file to the cells: exact for what is bilinear, and nothing of land."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

@@ -87,6 +87,15 @@ def test_a_list_lasts_over_exchanges_and_a_restart_amid_them_gives_the_same_bits
     assert model.counters.rebuilds < lists + 15
 
 
+@pytest.mark.parametrize("memory", ["slip", "bonded"])
+def test_a_restart_that_forgets_what_contacts_remember_is_noticed(memory):
+    model = amid()
+    remembered = model.state()[f"pair_{memory}"]
+    assert len(model.contacts().i) > 20 and remembered.any()
+    second = restarted(model, **{f"pair_{memory}": 0.0 * remembered})
+    assert "floes_x" in same(go_on(model), go_on(second))
+
+
 @pytest.mark.parametrize(
     "duplicate", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))]
 )

@@ -58,13 +58,12 @@ def packed(**laws):
 def test_arrays_of_physics_that_is_not_listed_do_not_exist():
     elastic, pairs = packed(contact=Contact())
     assert elastic.spinning is elastic.angle is elastic.inertia is None
-    assert "omega" not in elastic.floes.dtype.names
     assert pairs.slip is pairs.bonded is None
     bonded, pairs = packed(contact=cohesive())
-    assert "omega" not in bonded.floes.dtype.names and "torque" not in bonded.force.dtype.names
+    assert bonded.spinning is None and "torque" not in bonded.force.dtype.names
     assert pairs.slip is None and pairs.bonded is not None
     rubbing, pairs = packed(contact=frictional())
-    assert "omega" in rubbing.floes.dtype.names and "torque" in rubbing.force.dtype.names
+    assert rubbing.spinning is rubbing.floes and "torque" in rubbing.force.dtype.names
     assert pairs.bonded is None and pairs.slip is not None
     drifting = pair()
     assert drifting.ocean is drifting.atmosphere is drifting.floes.angle is None

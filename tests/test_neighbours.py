@@ -1,3 +1,5 @@
+"""The list of neighbours has every pair in reach, whatever sizes and periods."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st

@@ -1,3 +1,5 @@
+"""Gridded fields, trajectories and restarts: what the model had is in the file, as CF has it, whole or not at all."""
+
 import os
 import signal
 import subprocess

@@ -313,7 +313,7 @@ def test_the_bounds_of_a_force_of_ones_own_follow_from_its_acceleration(waves):
     tables = by_block(at, np.arange(2)), table
     drift = np.sqrt(0.1 / at[RATE].min())  # 93.4 Pa on the thinner floe
     assert speed_bound((water, Waves(0.3)), tables, 0.0) == pytest.approx(drift)
-    rate = np.full((1, BLOCK), 0.25)
+    rate = np.full((len(table), BLOCK), 0.25)
     add_fastest_rate(Waves(0.3), table, 1.0, 0.0, rate)
     assert rate[0, :2] == pytest.approx(0.55)
 

@@ -21,7 +21,7 @@ from floebmi.dynamics import WALL
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.listing import Memory
 from floebmi.neighbours import carry
-from floebmi.pack import FORCE_AND_TORQUE, MOVING, SPINNING, pack, pack_again, places, unpack
+from floebmi.pack import FLOE, FORCE_AND_TORQUE, pack, pack_again, places, unpack
 from floebmi.pairs import Near, PairList
 from floebmi.stable_step import STIFFNESS, _stiffest, largest_eigenvalue
 from floebmi.survey import deepest, pressed, survey
@@ -90,7 +90,7 @@ def test_what_moved_comes_back_to_its_floe_with_what_rounding_took_and_what_did_
 def test_the_deepest_pair_is_by_the_smaller_radius_across_seams_and_of_what_moves():
     # pairs 0-1 (both held, deepest), 2-3 (3 of 5 m), 4-5 across the seam (4 of 10 m), in a list of two parts
     x, y = [0.0, 0.5, 0.0, 22.0, 1.0, 1.0], [50.0, 50.0, 30.0, 30.0, 1.0, 85.0]
-    floes = np.zeros(6, MOVING).view(np.recarray)
+    floes = np.zeros(6, FLOE).view(np.recarray)
     floes.x, floes.y = x, y
     floes.r, floes.w = [5.0, 5.0, 20.0, 5.0, 10.0, 10.0], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     i, j, slot = (
@@ -106,7 +106,7 @@ def test_the_deepest_pair_is_by_the_smaller_radius_across_seams_and_of_what_move
 
 @pytest.mark.parametrize("name", ["x", "y", "u", "v", "omega", "angle"])
 def test_a_survey_sees_what_is_no_number_and_the_fastest_by_size_and_by_spin(name):
-    floes = np.zeros(3, SPINNING).view(np.recarray)
+    floes = np.zeros(3, FLOE).view(np.recarray)
     floes.u, floes.v, floes.r = [3.0, 0.0, 0.0], [4.0, 0.0, 2.0], [10.0, 1.0, 2.0]
     floes.omega = [0.1, -0.5, 0.2]
     mass, angle = np.array([2.0, 5.0, 1.0]), np.zeros(3)
@@ -149,7 +149,7 @@ def test_the_stiffest_floe_is_that_of_the_sums_of_its_contacts():
     n, closing, widest, side = 13, 0.05, 0.03, 50.0
     rng = np.random.default_rng(7)
     angle = np.arange(n) * 2.0 * np.pi / (n - 1) + 0.1
-    floes = np.zeros(n, SPINNING).view(np.recarray)
+    floes = np.zeros(n, FLOE).view(np.recarray)
     floes.r, floes.h = rng.uniform(4.0, 6.0, n), rng.uniform(1.0, 2.0, n)
     floes.r[0] = 16.0
     gap = rng.uniform(-0.2, widest * 19.0, n)
@@ -196,7 +196,7 @@ def test_the_stiffest_floe_is_that_of_the_sums_of_its_contacts():
 
 def test_floes_along_walls_add_to_the_sums_of_each_wall_and_of_themselves():
     law = Contact(Elastic(), dashpot=Dashpot(0.2))
-    floes, walls = (np.zeros(4, kind).view(np.recarray) for kind in (MOVING, WALL))
+    floes, walls = (np.zeros(4, kind).view(np.recarray) for kind in (FLOE, WALL))
     floes.x, floes.h, floes.r, walls.axis = [0.0, 99.0, 198.0, 297.0], 1.0, 10.0, [0, 1, 0, 1]
     w = np.array([1e-6, 2e-6, 3e-6, 4e-6])
     walls.inverse_mass = [1e-5, 5e-5, 0.0, 2e-5]
@@ -226,7 +226,7 @@ def test_floes_along_walls_add_to_the_sums_of_each_wall_and_of_themselves():
 
 def test_a_floe_alone_is_as_stiff_as_one_in_a_pack_of_its_kind():
     law = Contact(Elastic(), Coulomb(poisson_ratio=-0.5), dashpot=Dashpot(0.2))
-    floes, w, none = np.zeros(1, MOVING).view(np.recarray), np.full(1, 2e-6), np.zeros(0, np.uint32)
+    floes, w, none = np.zeros(1, FLOE).view(np.recarray), np.full(1, 2e-6), np.zeros(0, np.uint32)
     floes.h, nobody = 1.5, SimpleNamespace(floe=none)
     rows = np.zeros(1, STIFFNESS).view(np.recarray)
     k, ratio = stiffness(law.elastic, 1.5, 1.5), largest_ratio(law)
@@ -238,7 +238,7 @@ def test_a_floe_alone_is_as_stiff_as_one_in_a_pack_of_its_kind():
 
 
 def test_contact_forces_press_on_what_is_free_to_move_and_work_on_what_is_held_too():
-    floes, force = (np.zeros(2, kind).view(np.recarray) for kind in (SPINNING, FORCE_AND_TORQUE))
+    floes, force = (np.zeros(2, kind).view(np.recarray) for kind in (FLOE, FORCE_AND_TORQUE))
     floes.u, floes.v, floes.omega = [0.3, 0.5], [0.7, 1.1], [1.3, 1.7]
     force.x, force.y, force.torque = [2.0, 3.0], [5.0, 7.0], [11.0, 13.0]
     inverse = np.array([0.0, 0.1]), np.array([0.2, 0.0]), np.array([0.0, 0.4])

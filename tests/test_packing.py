@@ -1,3 +1,5 @@
+"""Laying out floes by concentration, from fields, on lattices and from tables: the ice that was asked for, without overlap."""
+
 import doctest
 import json
 import warnings

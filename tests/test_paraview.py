@@ -1,3 +1,5 @@
+"""Files for ParaView hold the floes and the fields of each frame."""
+
 import base64
 import xml.etree.ElementTree as ElementTree
 

@@ -8,7 +8,7 @@ from test_laws import ALL, jostle
 from uncompiled import in_plain_python
 
 from floebmi import columns
-from floebmi.pack import FORCE, FORCE_AND_TORQUE, MOVING, SPINNING
+from floebmi.pack import FLOE, FORCE, FORCE_AND_TORQUE
 
 SCENES = {  # as other tests have them, so that their kernels are compiled once
     "drag, coast and friction on a bent grid": lambda: small_model(curvilinear()),
@@ -61,10 +61,9 @@ def scatter(*arguments):
 PAIRS = np.array([0, 5, 3, 1, 2, 2, 4], np.uint32), np.array([1, 2, 4, 0, 2, 5, 0], np.uint32)
 
 
-@pytest.mark.parametrize("kind", [SPINNING, MOVING])
-def test_four_pairs_become_columns_as_it_says(kind):
+def test_four_pairs_become_columns_as_it_says():
     rng = np.random.default_rng(3)
-    floes, begun = packed(kind, rng), rng.normal(size=columns.PAIR_BUFFER)
+    floes, begun = packed(FLOE, rng), rng.normal(size=columns.PAIR_BUFFER)
     said, done = begun.copy(), begun.copy()
     columns.gather(floes, *PAIRS, 2, said, 1)
     gather(floes, *PAIRS, 2, done, 1)

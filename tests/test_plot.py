@@ -1,3 +1,5 @@
+"""Pictures, films and pages of a run show what its files hold, and can be read."""
+
 import base64
 import doctest
 import errno

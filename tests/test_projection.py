@@ -1,3 +1,5 @@
+"""Planes: places and directions go to the plane and come back."""
+
 import doctest
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Concentration, thickness and land from files: what they mean is understood or refused."""
+
 from pathlib import Path
 
 import numpy as np

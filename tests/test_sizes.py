@@ -1,3 +1,5 @@
+"""Size distributions: radii have the density, the range and the mean area of their law."""
+
 from typing import get_args
 
 import numpy as np

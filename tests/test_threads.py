@@ -79,7 +79,7 @@ def test_a_thread_that_fails_keeps_nobody_waiting(small_chunks, monkeypatch):
         return share(thread, *others)
 
     monkeypatch.setattr(threads, "_share", fails)
-    model = pack_of_floes(frictional(), threads=2)
+    model = pack_of_floes(frictional(), threads=2, walls=True)
     before = model.floes.copy()
     with pytest.raises(MemoryError, match="no room"):
         model.advance(0.5)
@@ -106,10 +106,10 @@ def test_a_thread_that_cannot_start_keeps_nobody_waiting(small_chunks, monkeypat
 
 
 def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
-    whole = pack_of_floes(frictional(), step=Step(fraction=0.3))
+    whole = pack_of_floes(frictional(), walls=True, step=Step(fraction=0.3))
     whole.advance(0.3)
     monkeypatch.setattr(tiles, "CHUNK", 80)
-    cut = pack_of_floes(frictional(), step=Step(fraction=0.3))
+    cut = pack_of_floes(frictional(), walls=True, step=Step(fraction=0.3))
     cut.advance(0.3)
     assert len(cut._now().lists.tiles.chunks) > 3
     # blows of contacts that open are struck one after the other, so their order shows a little
@@ -118,7 +118,7 @@ def test_chunks_change_the_order_of_sums_and_nothing_else(monkeypatch):
 
 
 def test_what_pairs_remember_outlives_a_new_list_on_both_sides_of_a_seam(small_chunks):
-    model = pack_of_floes(frictional())
+    model = pack_of_floes(frictional(), walls=True)
     model.advance(0.5)
     slip = model.state()["pair_slip"]
     model._state.kept = None

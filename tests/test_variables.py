@@ -1,3 +1,5 @@
+"""The table of variables: names, units and signs, and that the model has what it says."""
+
 import re
 from operator import attrgetter
 
