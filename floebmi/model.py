@@ -64,7 +64,7 @@ from floebmi.gridding import (
 )
 from floebmi.kept import marks
 from floebmi.listing import Memory
-from floebmi.overlaps import refuse_outside, refuse_over_walls, refuse_overlaps
+from floebmi.overlaps import refuse_over_walls, refuse_overlaps, told_outside
 from floebmi.pairs import PairList
 from floebmi.parts import (
     check_kinds,
@@ -206,11 +206,12 @@ class Model:
         floes.check()
         # as after every advance: in the first frame, too, no floe lies beyond a periodic edge
         floes.x[:], floes.y[:] = domain.brought_back(floes.x, floes.y)
-        refuse_outside(floes, domain)
         self.grid = Grid.uniform(domain.x, domain.y, shape=(1, 1)) if grid is None else grid
         self._make_fluids(atmosphere_grid or self.grid)
         self._state = self._first_state(rng)
         refuse_over_walls(self._state.walls, floes, domain, "at the start")
+        if told := told_outside(floes, domain):
+            warnings.warn(f"{told}: they leave with the first exchange", stacklevel=2)
         self._last_duration = 0.0
         self._warned_of_lag = False
         self._seen = self._see(floes.copy())

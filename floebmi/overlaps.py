@@ -1,4 +1,4 @@
-"""Floes that overlap, reach over a wall or lie outside: the start of a run, or an edit of the floes, is refused for them."""
+"""Floes that overlap, or reach over a wall, for which the start of a run or an edit of the floes is refused; floes outside."""
 
 from typing import NamedTuple
 
@@ -111,19 +111,19 @@ def refuse_over_walls(
         )
 
 
-def refuse_outside(floes: Floes, domain: Domain) -> None:
-    """InputError for free floes beyond an edge that is not periodic: a wall would eject them, other edges would drop them at once."""
-    out = floes.active & (floes.motion == 0)
-    beyond = np.zeros(len(floes), bool)
+def told_outside(floes: Floes, domain: Domain) -> str:
+    """What to say of free floes beyond edges that are not periodic, where they leave at once; empty where there are none."""
+    out = np.zeros(len(floes), bool)
     for values, (low, high), period in zip(
         (floes.x, floes.y), (domain.x, domain.y), domain.period, strict=True
     ):
         if period is None:
-            beyond |= (values < low) | (values > high)
-    out &= beyond
-    if out.any():
-        k = int(out.argmax())
-        raise InputError(
-            f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
-            f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
-        )
+            out |= (values < low) | (values > high)
+    out &= floes.active & (floes.motion == 0)
+    if not out.any():
+        return ""
+    k = int(out.argmax())
+    return (
+        f"{out.sum()} of {len(floes)} floes lie outside the domain, x {domain.x[0]:g} … {domain.x[1]:g},"
+        f" y {domain.y[0]:g} … {domain.y[1]:g} m, the first at x = {floes.x[k]:g}, y = {floes.y[k]:g} m"
+    )

@@ -19,7 +19,7 @@ from floebmi.floes import (
     Floes,
     without_small,
 )
-from floebmi.overlaps import refuse_outside
+from floebmi.overlaps import told_outside
 from floebmi.quantities import Count, Fraction, NonNegative, Positive, PositiveFraction
 from floebmi.scene_keys import (
     FileProjection,
@@ -107,7 +107,8 @@ class Group(Table):
             floes.u, floes.v = self.velocity
         if "motion" in self.model_fields_set:
             floes.motion = _motion_bits(self.motion)
-        refuse_outside(floes, sea.domain)
+        if told := told_outside(floes, sea.domain):
+            raise InputError(told)
         return floes
 
     def _arranged(self, sea: Sea, seed: int) -> Floes:

@@ -330,7 +330,7 @@ def test_an_input_that_is_not_at_nodes_is_refused(element):
 def test_a_grid_is_left_as_it_was_where_floes_are_refused():
     grid = RasterModelGrid((9, 10), xy_spacing=1000.0)
     for given, says in (
-        ({"floes": Floes(-3000.0, 4000.0, 200.0, 1.0)}, "1 of 1 floes lie outside the domain"),
+        ({"floes": Floes(3000.0, [4000.0, 4100.0], 200.0, 1.0)}, "floes overlap at the start"),
         ({"concentration": 0.5}, "sizes is missing"),
     ):
         with pytest.raises(InputError, match=says):
