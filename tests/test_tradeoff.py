@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from floebmi import calibration, tradeoff, tradeoff_result
 from floebmi.cli import floebmi as command
+from floebmi.boundaries import Domain
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes, without_small
 from floebmi.grid import Grid
@@ -550,7 +551,7 @@ def test_the_inertia_number_is_that_of_the_ice_in_cells_that_have_some():
     """I = γ̇ d √(ρ/N): the coast, much thicker than the ice, is no part of it, nor are floes that have left."""
     floes = Floes([5.0, 25.0, 35.0, 60.0], 5.0, [10.0, 30.0, 1.0, 9.0], [2.0, 2.0, 9.0, 4.0], motion=[0, 0, COAST, 0])  # fmt: skip
     floes.active[3] = False
-    model = SimpleNamespace(floes=floes, ice_density=900.0)
+    model = SimpleNamespace(floes=floes, ice_density=900.0, domain=Domain((0.0, 40.0), (0.0, 40.0)))
     grid = Grid.uniform((0.0, 40.0), (0.0, 40.0), shape=(4, 4))
     u = np.array([0.01 * grid.x + 0.02 * grid.y, 0.005 * grid.x - 0.01 * grid.y])
     area, stress = np.full(16, 0.8), np.full(16, 600.0)
