@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from floebmi import calibration, tradeoff, tradeoff_result
-from floebmi.cli import floebmi as command
 from floebmi.boundaries import Domain
+from floebmi.cli import floebmi as command
 from floebmi.errors import InputError
 from floebmi.floes import COAST, Floes, without_small
 from floebmi.grid import Grid
