@@ -379,7 +379,7 @@ def test_stresses_that_are_too_few_for_a_line_are_drawn_with_the_name_of_their_m
     few = shears.data.isel(normal_stress=[0, 1], seed=[0])
     few = few.assign(bulk_friction=np.nan, bulk_cohesion=np.nan)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)
         left, _ = figures._stresses({"frictional": few}).axes
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["frictional"]
 
@@ -407,7 +407,7 @@ def test_runs_that_are_too_short_to_tell_are_drawn_without_a_bound_and_without_a
     data["jamming_timescale"][:], data["jamming_timescale_fit"][:] = np.inf, np.nan
     data["jamming_timescale_bounds"].values[:] = (0.0, np.inf)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)  # not the deprecations of old libraries
         figure = figures._jamming({"cohesive": data}, figures.SWEEPS[7])
         figure.savefig(tmp_path / "figure.png")
     assert not figure.axes[2].lines
