@@ -241,7 +241,7 @@ class Model:
         modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
         walls = build_walls(domain, self.walls, floes, self.ice_density, modulus)
         if contact is None and len(walls):
-            raise InputError("walls and closed edges need a contact law: contact is None")
+            raise InputError("walls and closed edges need a contact law: give contact")
         if contact is not None:
             refuse_overlaps(floes, domain, "at the start")
         none, start = np.zeros(0, np.uint32), np.zeros(len(floes) + 1, np.int64)

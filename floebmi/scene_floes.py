@@ -339,6 +339,9 @@ def _motion_bits(motion: Motion) -> int:
 
 def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
     """Part of a domain; a direction in which it is cut is no longer periodic."""
+    for name, pair in (("x", x), ("y", y)):
+        if pair is not None and not pair[1] > pair[0]:
+            raise InputError(f"{name} = {list(pair)}: the second must be larger")
     if x is not None:
         domain = domain._replace(x=x, west="inactive", east="inactive")
     if y is not None:

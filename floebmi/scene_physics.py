@@ -238,7 +238,7 @@ class TiltTable(_Tilt):
             return law_of(self, Tilt)
         if ocean is None or coriolis is None or coriolis.field:
             raise InputError(
-                "[tilt] geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
+                "geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
             )
         return GeostrophicTilt(coriolis.f)
 

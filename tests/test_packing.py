@@ -182,10 +182,10 @@ def test_a_concentration_of_0_is_no_ice():
         ({"concentration": None, "count": -1}, "count = -1; must be a whole number"),
         (
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},
-            "domain.y: 500 m; must be at least 2 radii of the largest",
+            "y from 0 to 500 m: must be at least 2 radii of the largest",
         ),
         ({"sizes": SingleSize(200.0)}, "no number of the floes drawn comes within 0.5 %"),
-        ({"sizes": PowerLaw(5.0, 4.0)}, "PowerLaw.radius_max = 4 m"),
+        ({"sizes": PowerLaw(5.0, 4.0)}, "radius_max = 4 m"),
         ({"thickness": 0.0}, "thickness = 0.0 m; must be greater than 0"),
         ({"seed": -1}, "seed = -1; must be a whole number"),
         ({"domain": Domain((0, 1), (0, 0))}, "domain.y"),
