@@ -606,6 +606,6 @@ def _check_fit(radius: np.ndarray, domain: Domain) -> None:
         side, radii = high - low, 2 if length is None else 4
         if largest * radii * (1 + SPARE) > side:
             raise InputError(
-                f"{axis} from {low:g} to {high:g} m: must be at least {radii} radii of the largest "
-                f"floe long, {largest * radii:g} m"
+                f"{axis} from {low:g} to {high:g} m: must be at least {largest * radii:g} m long, "
+                f"{radii} radii of the largest floe"
             )

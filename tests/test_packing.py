@@ -182,7 +182,7 @@ def test_a_concentration_of_0_is_no_ice():
         ({"concentration": None, "count": -1}, "count = -1; must be a whole number"),
         (
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},
-            "y from 0 to 500 m: must be at least 2 radii of the largest",
+            "y from 0 to 500 m: must be at least 600 m long, 2 radii of the",
         ),
         ({"sizes": SingleSize(200.0)}, "no number of the floes drawn comes within 0.5 %"),
         ({"sizes": PowerLaw(5.0, 4.0)}, "radius_max = 4 m"),

@@ -403,7 +403,7 @@ def test_a_domain_and_a_grid_lie_within_what_numbers_tell_apart(two, change, sai
             "[floes] counts[0] = 0; at",
         ),
         ("floes.x=[90, 10]", "[floes] x = [90.0, 10.0]: the second must be larger"),
-        ("floes.x=[0, 7]", "[floes] x from 0 to 7 m: must be at least 2 radii of the largest floe"),
+        ("floes.x=[0, 7]", "[floes] x from 0 to 7 m: must be at least 10 m long, 2 radii of the"),
         (
             "inflow={edge='west', velocity=[1, 0], sizes={distribution='uniform', radius_min=9, radius_max=5}}",
             "toml: inflow.sizes.radius_max = 5 m; must be at least radius_min, 9 m",
