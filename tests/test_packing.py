@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
+from scipy import spatial
 
 import floebmi.packing
 from floebmi.boundaries import Domain
@@ -734,3 +735,13 @@ def test_a_table_with_a_header_alone_has_no_floes(tmp_path):
     path = tmp_path / "floes.csv"
     path.write_text("x,y,radius,thickness\n")
     assert len(read_floes(path)) == 0
+
+
+def test_floes_that_find_no_room_share_the_trees_of_where_they_may_be_laid(monkeypatch):
+    made, tree = [], spatial.cKDTree
+    monkeypatch.setattr(spatial, "cKDTree", lambda at: made.append(len(at)) or tree(at))
+    wet = np.ones((16, 16), bool)
+    wet[4:7, 5:9] = False
+    grid = Grid.uniform((0.0, 3e4), (0.0, 3e4), shape=(16, 16)).with_wet(wet)
+    from_field(grid, 0.85, 1.0, PowerLaw(200.0, 2000.0), seed=1)
+    assert made and len(set(made)) == len(made)
