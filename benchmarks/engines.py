@@ -78,7 +78,7 @@ class Turn(NamedTuple):
 
     `first` and `last`, before and after the timed steps: kinetic energy of translation and of rotation [J],
     mean number of contacts of a floe.  `memory`: peak of the process [bytes];
-    `processor`: processor seconds of the whole process.
+    `processor`: CPU time of the whole process [s].
     """
 
     seconds: float
@@ -247,7 +247,7 @@ def compare_collision(root: Path, found: dict[str, str]) -> dict[str, int]:
 
 
 def tune(scene: Scene, found: dict[str, str]) -> None:
-    """Processor time [s] of whole processes by skin and style of the list, the smaller of two turns each.
+    """CPU time [s] of whole processes by skin and style of the list, the smaller of two turns each.
 
     Not wall time, so that skins can be found on a busy machine.
     """
