@@ -154,7 +154,8 @@ def from_geojson(
     path : path of the file
     radius, thickness : those of the floes on the shore [m], see `from_land_fraction`
     projection : map projection of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in
-        longitude and latitude, where its edges are straight lines (RFC 7946); None for a file in metres
+        longitude and latitude, where its edges are straight lines (RFC 7946); None for a file in metres.  A file in metres
+        within 360 × 90 must name a plane in its `crs`, as GDAL and QGIS write it, to be told from one in degrees
 
     Raises
     ------
@@ -325,10 +326,10 @@ def read_features(
     points = shapely.get_coordinates([geometry for _, geometry, _ in found])
     if projection is not None:
         found = _projected(found, projection)
-    elif (abs(points[:, 0]) <= 360).all() and (abs(points[:, 1]) <= 90).all():
+    elif (np.abs(points) <= (360, 90)).all() and not _names_a_plane(content):
         raise InputError(
-            f"{path}: all coordinates are within 360 and 90, so they look like degrees; give the "
-            "projection of the domain"
+            f"{path}: all coordinates are within 360 and 90, so they look like degrees; give the projection of the domain, "
+            'or for metres the plane in the file: "crs": {"type": "name", "properties": {"name": "EPSG:3413"}}'
         )
     for name, geometry, _ in found:
         if (far := np.abs(shapely.get_coordinates(geometry)).max()) > FARTHEST:
@@ -337,6 +338,15 @@ def read_features(
             reason = shapely.is_valid_reason(geometry)
             raise InputError(f"{name}: {reason}; must be a valid polygon")
     return found
+
+
+def _names_a_plane(content: dict) -> bool:
+    """Whether a GeoJSON file says that it is in metres, by the `crs` of GeoJSON 2008, which GDAL and QGIS still write."""
+    try:
+        check_projection(content["crs"]["properties"]["name"])
+    except (KeyError, TypeError, InputError):
+        return False
+    return True
 
 
 def _projected(

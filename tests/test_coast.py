@@ -320,6 +320,21 @@ def test_a_collection_without_a_list_of_features_is_refused(tmp_path, features):
         from_geojson(path, radius=100.0)
 
 
+@pytest.mark.parametrize(
+    "name, metres",
+    [("EPSG:3413", True), ("urn:ogc:def:crs:OGC:1.3:CRS84", False), ("EPSG:nowhere", False), (3, False)],
+)  # fmt: skip
+def test_geojson_in_few_metres_says_so_by_the_plane_that_it_names(tmp_path, name, metres):
+    isle = {"type": "Polygon", "coordinates": [[[20, 10], [60, 10], [60, 50], [20, 10]]]}
+    path = tmp_path / "isle.geojson"
+    path.write_text(json.dumps(isle | {"crs": {"type": "name", "properties": {"name": name}}}))
+    if metres:
+        assert land_geometry(from_geojson(path, radius=1.0).polygons).area == 800.0
+    else:
+        with pytest.raises(InputError, match='look like degrees.*"crs": .*"EPSG:3413"'):
+            from_geojson(path, radius=1.0)
+
+
 def test_geojson_in_degrees_needs_a_projection(tmp_path):
     isle = {"type": "Polygon", "coordinates": [[[-45, 80], [-44, 80], [-44, 81], [-45, 80]]]}
     path = geojson(tmp_path, isle)
