@@ -10,7 +10,6 @@ extends beyond the coastline by R/8 at most.
 
 import itertools
 import json
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from floebmi.errors import InputError, in_line
+from floebmi.errors import InputError, in_line, warn
 from floebmi.files import path_of
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
@@ -369,10 +368,9 @@ def _projected(
             lon = shapely.get_coordinates(ring)[:, 0]
             west, far = lon.min(), np.abs(np.diff(lon)).max()
             if 180 < far < 360:
-                warnings.warn(
+                warn(
                     f"{name}: an edge goes the long way round, over {far:g}° of longitude: to cross the date line write"
-                    f" longitudes beyond 180, such as {west + 360:g} for {west:g}",
-                    stacklevel=2,
+                    f" longitudes beyond 180, such as {west + 360:g} for {west:g}"
                 )
                 break
         geometry = shapely.segmentize(geometry, LONGEST)

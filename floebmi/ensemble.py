@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from floebmi import __version__
-from floebmi.errors import InputError, in_line
+from floebmi.errors import InputError, in_line, warn
 from floebmi.files import attributes_of, check_new_folder, check_target, in_one_go, path_of
 from floebmi.meter import meter, say
 from floebmi.quantities import check_flag, check_table
@@ -460,7 +460,7 @@ def _collect(executor, keys, arguments, keep):
                 result = error
             for warning in heard:
                 try:
-                    warnings.warn(warning, stacklevel=1)
+                    warn(warning)
                 except Warning as error:  # python -W error; here it would end all members
                     result = error
             keep(futures[future], result)
@@ -485,7 +485,7 @@ class _Quiet:
 
     def write(self, text: str) -> None:
         try:
-            warnings.warn(text, stacklevel=4)
+            warn(text)
         except UserWarning:  # python -W error; the other members go on all the same
             say(text)
 

@@ -360,8 +360,9 @@ def test_an_edge_that_goes_the_long_way_round_the_globe_is_warned_of(tmp_path):
         ring = np.column_stack([lon, [75, 75, 76, 76]]).tolist()
         return geojson(tmp_path, {"type": "Polygon", "coordinates": [[*ring, ring[0]]]})
 
-    with pytest.warns(UserWarning, match="over 358° of longitude.* such as 181 for -179"):
+    with pytest.warns(UserWarning, match="over 358° of longitude.* such as 181 for -179") as told:
         from_geojson(isle(west), radius=5000.0, projection=plane)
+    assert told[0].filename == __file__
     coast = from_geojson(isle(west % 360), radius=5000.0, projection=plane)
     assert land_geometry(coast.polygons).area == pytest.approx(111e3 * 56e3, rel=0.05)
 

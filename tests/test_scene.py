@@ -875,10 +875,11 @@ def test_a_field_without_ice_and_a_file_without_floes_are_told(write, sea, tmp_p
     import xarray as xr
 
     (tmp_path / "none.csv").write_text("x,y,radius,thickness\n")
-    with pytest.warns(UserWarning, match="none.csv: there are no floes in it"):
+    with pytest.warns(UserWarning, match="none.csv: there are no floes in it") as told:
         read_scene(
             write("[domain]\nx=[0,9]\ny=[0,9]\n[floes]\narrangement='file'\nfile='none.csv'\n")
         ).build()
+    assert told[0].filename == __file__
     with xr.open_dataset(tmp_path / "sea.nc") as data:
         data.load()
     data.aice[:] = 0.0
