@@ -408,6 +408,10 @@ def test_a_domain_and_a_grid_lie_within_what_numbers_tell_apart(two, change, sai
             "inflow={edge='west', velocity=[1, 0], sizes={distribution='uniform', radius_min=9, radius_max=5}}",
             "toml: inflow.sizes.radius_max = 5 m; must be at least radius_min, 9 m",
         ),
+        (
+            "contact={model='cohesive', restitution=1e-9}",
+            "coefficient of restitution = 1e-09: too small",
+        ),
         ("domain.north=closed", "toml: walls and closed edges need a contact law: give contact"),
     ],
 )
