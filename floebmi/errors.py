@@ -25,9 +25,13 @@ class StabilityError(RuntimeError):
 def warn(text: str | Warning, kind: type[Warning] = UserWarning) -> None:
     """Warn at the line of the user's program that led here, from however deep in this package."""
     level, frame = 2, sys._getframe(1)
-    while frame and frame.f_globals["__name__"].partition(".")[0] in ("floebmi", "coupling"):
+    while frame and _is_ours(str(frame.f_globals.get("__name__"))):
         level, frame = level + 1, frame.f_back
     warnings.warn(text, kind, stacklevel=level)
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] in ("floebmi", "coupling")
 
 
 def in_line(value: object) -> str:
