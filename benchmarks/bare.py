@@ -14,6 +14,7 @@ import numpy as np
 
 import floebmi as fb
 from benchmarks.limit import SLOW, pack
+from benchmarks.options import run, whole
 from floebmi.advance import Advance
 from floebmi.columns import DU, DV, DX, DY, FX, FY, H_I, H_J, LANES, R_I, R_J, gather, scatter
 from floebmi.dynamics import verlet
@@ -234,9 +235,9 @@ def ready(floes: int, speed: float) -> Pack:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", type=int, default=10_000)
-    parser.add_argument("--steps", type=int, default=300, help="of a repeat")
-    parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--floes", type=whole, default=10_000)
+    parser.add_argument("--steps", type=whole, default=300, help="of a repeat")
+    parser.add_argument("--repeats", type=whole, default=15)
     options = parser.parse_args()
     stepped = ready(options.floes, SLOW)
     places, spent = {}, {"package": [], "hand": []}
@@ -258,4 +259,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -12,6 +12,7 @@ import numpy as np
 
 import floebmi as fb
 from benchmarks.limit import contact_forces
+from benchmarks.options import run, whole
 from benchmarks.packs import scattered
 
 
@@ -28,8 +29,8 @@ def best(work: dict[str, object], repeats: int) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", type=int, default=10_000)
-    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--floes", type=whole, default=10_000)
+    parser.add_argument("--repeats", type=whole, default=20)
     options = parser.parse_args()
     domain, floes = scattered(options.floes)
     laws = {"cohesive": fb.cohesive(), "frictional": fb.frictional()}
@@ -49,12 +50,15 @@ def main() -> None:
         pairs[name] = int(model._now().lists.near.counts.sum())
         kernels[name] = lambda forces=forces: [forces() for _ in range(100)]
     alone = best(kernels, options.repeats)
-    whole = best(
+    advance = best(
         {n: lambda m=m: m.advance(200 * step.length) for n, m in models.items()},
         options.repeats // 4 or 1,
     )
     print(f"{len(floes)} floes, pairs about to touch: {pairs}")
-    for what, took, steps in (("contact forces alone", alone, 100), ("whole advance", whole, 200)):
+    for what, took, steps in (
+        ("contact forces alone", alone, 100),
+        ("whole advance", advance, 200),
+    ):
         each = {name: 1e9 * t / steps / len(floes) for name, t in took.items()}
         print(
             f"  {what:<22} cohesive {each['cohesive']:.1f} ns per floe and step, frictional "
@@ -63,4 +67,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -6,14 +6,17 @@ Discs at packing 0.85 with random velocities, double precision, one core.  The c
 import argparse
 
 import floebmi as fb
+from benchmarks.options import number_from, run, whole
 from benchmarks.packs import cost, scattered, steps_of_a_repeat
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", type=int, default=10_000)
-    parser.add_argument("--ratio", type=float, default=2.0, help="largest over smallest radius")
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--floes", type=whole, default=10_000)
+    parser.add_argument(
+        "--ratio", type=number_from(1), default=2.0, help="largest over smallest radius"
+    )
+    parser.add_argument("--repeats", type=whole, default=5)
     options = parser.parse_args()
     domain, floes = scattered(options.floes, options.ratio)
     drag = (fb.OceanDrag(), fb.AirDrag())
@@ -40,4 +43,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

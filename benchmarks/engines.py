@@ -28,13 +28,13 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import floebmi as fb
+from benchmarks.options import file_to_write, name_of, number_from, picture, run, several, whole
 from benchmarks.packs import scattered
 
 DECKS = Path(__file__).parent / "decks"
@@ -78,7 +78,7 @@ class Turn(NamedTuple):
 
     `first` and `last`, before and after the timed steps: kinetic energy of translation and of rotation [J],
     mean number of contacts of a floe.  `memory`: peak of the process [bytes];
-    `processor`: processor seconds of the whole process.
+    `processor`: CPU time of the whole process [s].
     """
 
     seconds: float
@@ -247,7 +247,7 @@ def compare_collision(root: Path, found: dict[str, str]) -> dict[str, int]:
 
 
 def tune(scene: Scene, found: dict[str, str]) -> None:
-    """Processor time [s] of whole processes by skin and style of the list, the smaller of two turns each.
+    """CPU time [s] of whole processes by skin and style of the list, the smaller of two turns each.
 
     Not wall time, so that skins can be found on a busy machine.
     """
@@ -400,41 +400,6 @@ def draw(rows: list[dict], file: Path) -> None:
 # ---- the command ------------------------------------------------------------------------------------
 
 
-def whole(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
-    return int(text)
-
-
-def numbers_from(least: float) -> Callable[[str], list[float]]:
-    def numbers(text: str) -> list[float]:
-        found = [float(part) for part in text.split(",")]
-        if not all(least <= number < math.inf for number in found):
-            raise argparse.ArgumentTypeError(f"{text}: must be numbers, at least {least:g}")
-        return found
-
-    return numbers
-
-
-def names_of(known: Collection[str]) -> Callable[[str], list[str]]:
-    def names(text: str) -> list[str]:
-        found = text.split(",")
-        if unknown := set(found) - set(known):
-            raise argparse.ArgumentTypeError(
-                f"{', '.join(sorted(unknown))}; known: {', '.join(known)}"
-            )
-        return found
-
-    return names
-
-
-def file_to_write(text: str) -> Path:
-    """Looked at before the runs, which take hours."""
-    if not Path(text).parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text}: there is no such folder")
-    return Path(text)
-
-
 def rows_of(text: str) -> tuple[Path, list[dict]]:
     """A file of rows, and those that it holds already."""
     file = file_to_write(text)
@@ -449,23 +414,17 @@ def rows_of(text: str) -> tuple[Path, list[dict]]:
     raise argparse.ArgumentTypeError(f"{text}: is there, but holds no rows of this command")
 
 
-def picture(text: str) -> Path:
-    if Path(text).suffix not in (".png", ".pdf", ".svg"):
-        raise argparse.ArgumentTypeError(f"{text}: must end with .png, .pdf or .svg")
-    return file_to_write(text)
-
-
 def command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     engines = [*FLOEBMI, *INSTALL]
-    parser.add_argument("--sizes", type=numbers_from(1), default=[1e3, 1e4, 1e5, 1e6])
-    parser.add_argument("--ratios", type=numbers_from(1), default=[2, 10, 100])
-    parser.add_argument("--packs", type=names_of(PACKS), default=list(PACKS))
+    parser.add_argument("--sizes", type=several(number_from(1)), default=[1e3, 1e4, 1e5, 1e6])
+    parser.add_argument("--ratios", type=several(number_from(1)), default=[2, 10, 100])
+    parser.add_argument("--packs", type=several(name_of(PACKS)), default=list(PACKS))
     parser.add_argument("--repeats", type=whole, default=5)
     parser.add_argument(
         "--steps", type=whole, help="timed in a turn; default: fewer for more floes"
     )
-    parser.add_argument("--engines", type=names_of(engines), default=engines)
+    parser.add_argument("--engines", type=several(name_of(engines)), default=engines)
     for engine, program in (("lammps", "lmp"), ("liggghts", "liggghts"), ("yade", "yade")):
         parser.add_argument(f"--{engine}", default=program, metavar="PROGRAM")
     parser.add_argument("--folder", type=Path, help="keep the packs here for the next time")
@@ -519,12 +478,9 @@ def compare(options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    parser = command_line()
-    options = parser.parse_args()
+    options = command_line().parse_args()
     try:
         compare(options)
-    except fb.InputError as error:
-        parser.error(str(error))
     except RuntimeError as error:  # of an engine, with its last lines
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:
@@ -532,4 +488,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

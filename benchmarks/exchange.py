@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.options import run, whole
 from floebmi import FloeBmi, PowerLaw
 
 SCENE = """
@@ -138,9 +139,9 @@ def profile(ice: FloeBmi, outputs: Sequence[str], times: int) -> dict[str, float
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", type=int, default=10_000)
-    parser.add_argument("--cells", type=int, default=200, help="along a side")
-    parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--floes", type=whole, default=10_000)
+    parser.add_argument("--cells", type=whole, default=200, help="along a side")
+    parser.add_argument("--repeats", type=whole, default=15)
     options = parser.parse_args()
     components = {name: start(*case, options.floes, options.cells) for name, case in CASES.items()}
     for name, ice in components.items():
@@ -166,4 +167,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -20,6 +20,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings, strategies as st
 
 import floebmi as fb
+from benchmarks.options import run, whole, whole_from
 from floebmi.floes import COAST, FIXED, FIXED_X, FIXED_Y
 
 TOLD_EVERY = 100  # scenes: a run that is killed has told what it found
@@ -232,8 +233,8 @@ def _wrong(model: fb.Model) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scenes", type=whole, default=1000)
+    parser.add_argument("--seed", type=whole_from(0), default=0)
     parser.add_argument("--show", choices=["ran", "refused", "stopped"], help="print these too")
     options = parser.parse_args()
     ends: Counter[str] = Counter()
@@ -262,4 +263,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import floebmi as fb
+from benchmarks.options import picture, run, whole, whole_from
 from benchmarks.packs import cost, scattered
 from floebmi.advance import Advance
 from floebmi.plot import LINES, graph
@@ -83,9 +84,9 @@ def memory(model: fb.Model) -> tuple[float, float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--largest", type=int, default=1_000_000)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw the costs")
+    parser.add_argument("--largest", type=whole_from(1_000), default=1_000_000)
+    parser.add_argument("--repeats", type=whole, default=5)
+    parser.add_argument("--figure", type=picture, metavar="FILE.png", help="draw the costs")
     options = parser.parse_args()
     numbers = [n for n in (1_000, 10_000, 100_000, 1_000_000) if n <= options.largest]
 
@@ -110,4 +111,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

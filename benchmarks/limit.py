@@ -19,6 +19,7 @@ import numba
 import numpy as np
 
 import floebmi as fb
+from benchmarks.options import run, whole
 from benchmarks.packs import scattered
 from floebmi.advance import Advance
 from floebmi.dynamics import sweep
@@ -127,7 +128,7 @@ def contact_forces(now: Advance, dt: float) -> Callable[[], float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", type=int, default=1_000_000)
+    parser.add_argument("--floes", type=whole, default=1_000_000)
     parser.add_argument("--count", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--instructions", action="store_true", help="count them (minutes)")
     options = parser.parse_args()
@@ -161,4 +162,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import floebmi as fb
+from benchmarks.options import picture, run, whole
 from floebmi.validate import hexagonal_pack, kinetic_energy
 
 GROWS = 1e-3  # per step
@@ -79,8 +80,8 @@ def growth(domain: fb.Domain, floes: fb.Floes, law: fb.Contact, step: fb.Step, s
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--to", type=Path, metavar="FILE.png", help="also draw it")
-    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--to", type=picture, metavar="FILE.png", help="also draw it")
+    parser.add_argument("--steps", type=whole, default=2000)
     options = parser.parse_args()
     packs = {name: make() for name, make in PACKS.items()}
     rates: dict[tuple[str, str, str], np.ndarray] = {}
@@ -140,4 +141,4 @@ def draw(rates: dict[tuple[str, str, str], np.ndarray], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -11,6 +11,9 @@ import sys
 import tempfile
 import time
 
+from benchmarks.options import run, whole
+from floebmi.scene import read_scene
+
 RUN = """
 import time
 start = time.perf_counter()
@@ -41,8 +44,9 @@ def start(scene: str, cache: str) -> list[float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="?", default="labrador-sea")
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=whole, default=3)
     options = parser.parse_args()
+    read_scene(options.scene)  # what is wrong with it is said here
     print(f"{options.scene:<16}{'in all':>10}{'import':>10}{'build':>10}{'first step':>12}   [s]")
     with tempfile.TemporaryDirectory() as cache:
         rows = [("cold cache", start(options.scene, cache))]
@@ -53,4 +57,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

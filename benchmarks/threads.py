@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import floebmi as fb
+from benchmarks.options import picture, run, several, whole
 from benchmarks.packs import scattered
 from floebmi.plot import graph
 
@@ -56,19 +57,19 @@ def draw(gains: dict[int, np.ndarray], threads: int, to: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--floes", default="100000", help="several with commas between them")
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--steps", type=int, default=300, help="of a repeat")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="draw the gains")
+    parser.add_argument("--floes", type=several(whole), default=[100_000], metavar="N[,…]")
+    parser.add_argument("--threads", type=whole, default=2)
+    parser.add_argument("--steps", type=whole, default=300, help="of a repeat")
+    parser.add_argument("--repeats", type=whole, default=5)
+    parser.add_argument("--figure", type=picture, metavar="FILE.png", help="draw the gains")
     options = parser.parse_args()
     gains = {
         count: gain(count, options.threads, options.steps, options.repeats)
-        for count in map(int, options.floes.split(","))
+        for count in options.floes
     }
     if options.figure:
         draw(gains, options.threads, options.figure)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -556,6 +556,7 @@ class Advance:
         order = np.lexsort((np.maximum(i, j), np.minimum(i, j)))
         values = [column[order] for column in rows.T]
         values[0], values[1] = values[0] + p.origin_x, values[1] + p.origin_y
+        self.domain.bring_back(values[0], values[1])  # of a floe at a seam, half may lie beyond it
         values[7] = values[7] > 0
         return Contacts(i[order], j[order], *values)
 

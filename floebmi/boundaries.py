@@ -320,7 +320,7 @@ class Feeder:
             if pair is not None and not (sized and len(pair) == 2):
                 raise InputError(f"inflow.{name} = {pair!r}: must be two numbers, (…, …)")
         check([inflow])
-        check_sizes(inflow.sizes)
+        check_sizes(inflow.sizes, "inflow.sizes.")
         self.inflow, self.domain = inflow, domain
         self.axis = _AXIS[inflow.edge]
         if _SIDE[inflow.edge] * inflow.velocity[self.axis] < 0.0:

@@ -26,7 +26,7 @@ FEW = 100  # floes
 
 
 class Cost(NamedTuple):
-    """Seconds of one core for a step of one floe, and for an exchange of one floe or cell."""
+    """CPU time [s] for a step of one floe, and for an exchange of one floe or cell."""
 
     floe_step: float
     exchange: float

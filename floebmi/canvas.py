@@ -39,10 +39,14 @@ SHORT = 0.3  # inches: such an axis has no room for two numbers
 def style() -> dict[str, Any]:
     """The rcParams of all pictures, for `matplotlib.rc_context`."""
     from cycler import cycler
+    from matplotlib import rcParams
+    from matplotlib.font_manager import fontManager
 
+    here = set(fontManager.get_font_names())
+    users = [font for font in rcParams["font.family"] + rcParams["font.sans-serif"] if font in here]
     return {
-        "font.family": "sans-serif",
-        "font.sans-serif": ["DejaVu Sans"],
+        # the user's, for signs that the first lacks
+        "font.family": list(dict.fromkeys(["DejaVu Sans", *users])),
         "font.size": 9,
         "axes.titlesize": 10,
         "axes.titlelocation": "left",

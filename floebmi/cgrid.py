@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from floebmi.errors import InputError
+from floebmi.errors import InputError, warn
 from floebmi.fields import Box, Field, File, role
 from floebmi.places import Net, Place, Position, place_of
 
@@ -134,10 +134,9 @@ def find_centres(
         others = files if u.file is v.file or stagger == "none" else ()
         place = place_of(u.file, u.array, u.dims, *options, others, files)
         if stagger == "auto" and u.name in _ON_FACES and isinstance(place, Net):
-            warnings.warn(
+            warn(
                 f"{u.label}, {v.name}: as NEMO writes them they lie on the faces of cells, but the file has one place for"
-                " both, where they are taken: say stagger = 'after' if they are on faces, 'none' if not",
-                stacklevel=3,
+                " both, where they are taken: say stagger = 'after' if they are on faces, 'none' if not"
             )
         return Centres(u.file, u.dims, place)
     taken = [(u.file, u.dims), (v.file, v.dims)] if apart else []

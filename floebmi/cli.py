@@ -397,7 +397,11 @@ def tradeoff(
             )
         click.echo(f"wrote {made.path}\nwrote {picture}")
     if made.failures:
-        fail(f"{len(made.failures)} runs failed; the same command runs them again", 3)
+        fail(
+            f"{len(made.failures)} runs failed, for the reasons above; the same command runs them again,"
+            " in vain if the scene is the reason",
+            3,
+        )
 
 
 @floebmi.command()

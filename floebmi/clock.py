@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import datetime
 import re
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from floebmi.errors import InputError, check_word, in_line
+from floebmi.errors import InputError, check_word, in_line, warn
 from floebmi.factors import DURATIONS
 from floebmi.fields import Field, coordinate
 from floebmi.quantities import is_number
@@ -318,10 +317,9 @@ def _middles(dates: np.ndarray, array: xr.DataArray, field: Field, where: str) -
     side = next((k for k in (0, 1) if (dates == ends[:, k]).all()), None)
     if side is None or (ends[:, 0] == ends[:, 1]).any():
         return dates
-    warnings.warn(
+    warn(
         f"{where}: its times are the {('begins', 'ends')[side]} of the intervals that its fields are means of:"
-        f" the middles are taken, by {name}",
-        stacklevel=5,
+        f" the middles are taken, by {name}"
     )
     return ends[:, 0] + (ends[:, 1] - ends[:, 0]) / 2
 

@@ -10,7 +10,6 @@ extends beyond the coastline by R/8 at most.
 
 import itertools
 import json
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from floebmi.errors import InputError, in_line
+from floebmi.errors import InputError, in_line, warn
 from floebmi.files import path_of
 from floebmi.floes import COAST, Floes
 from floebmi.projection import check_projection, to_plane
@@ -154,7 +153,8 @@ def from_geojson(
     path : path of the file
     radius, thickness : those of the floes on the shore [m], see `from_land_fraction`
     projection : map projection of the domain, in any form that pyproj reads ("EPSG:3413"), for a file in
-        longitude and latitude, where its edges are straight lines (RFC 7946); None for a file in metres
+        longitude and latitude, where its edges are straight lines (RFC 7946); None for a file in metres.  A file in metres
+        within 360 × 90 must name a plane in its `crs`, as GDAL and QGIS write it, to be told from one in degrees
 
     Raises
     ------
@@ -325,10 +325,10 @@ def read_features(
     points = shapely.get_coordinates([geometry for _, geometry, _ in found])
     if projection is not None:
         found = _projected(found, projection)
-    elif (abs(points[:, 0]) <= 360).all() and (abs(points[:, 1]) <= 90).all():
+    elif (np.abs(points) <= (360, 90)).all() and not _names_a_plane(content):
         raise InputError(
-            f"{path}: all coordinates are within 360 and 90, so they look like degrees; give the "
-            "projection of the domain"
+            f"{path}: all coordinates are within 360 and 90, so they look like degrees; give the projection of the domain, "
+            'or for metres the plane in the file: "crs": {"type": "name", "properties": {"name": "EPSG:3413"}}'
         )
     for name, geometry, _ in found:
         if (far := np.abs(shapely.get_coordinates(geometry)).max()) > FARTHEST:
@@ -337,6 +337,15 @@ def read_features(
             reason = shapely.is_valid_reason(geometry)
             raise InputError(f"{name}: {reason}; must be a valid polygon")
     return found
+
+
+def _names_a_plane(content: dict) -> bool:
+    """Whether a GeoJSON file says that it is in metres, by the `crs` of GeoJSON 2008, which GDAL and QGIS still write."""
+    try:
+        check_projection(content["crs"]["properties"]["name"])
+    except (KeyError, TypeError, InputError):
+        return False
+    return True
 
 
 def _projected(
@@ -359,10 +368,9 @@ def _projected(
             lon = shapely.get_coordinates(ring)[:, 0]
             west, far = lon.min(), np.abs(np.diff(lon)).max()
             if 180 < far < 360:
-                warnings.warn(
+                warn(
                     f"{name}: an edge goes the long way round, over {far:g}° of longitude: to cross the date line write"
-                    f" longitudes beyond 180, such as {west + 360:g} for {west:g}",
-                    stacklevel=2,
+                    f" longitudes beyond 180, such as {west + 360:g} for {west:g}"
                 )
                 break
         geometry = shapely.segmentize(geometry, LONGEST)

@@ -195,12 +195,12 @@ def check_contact(contact: Contact | None) -> None:
     )
     if healing is not None and healing.initial > strength:
         raise InputError(
-            f"Healing.initial = {healing.initial!r}: must be at most the tensile_strength, {strength!r}"
+            f"contact.bonds.healing.initial = {healing.initial!r}: must be at most the tensile_strength, {strength!r}"
         )
     friction = contact.friction
     if beam is not None and friction is not None and beam.poisson_ratio != friction.poisson_ratio:
         raise InputError(
-            f"Beam.poisson_ratio = {beam.poisson_ratio!r}: must be that of friction, "
+            f"contact.bonds.beam.poisson_ratio = {beam.poisson_ratio!r}: must be that of friction, "
             f"{friction.poisson_ratio!r}"
         )
 
@@ -271,7 +271,9 @@ def damping_ratio(restitution: float) -> float:
         return 0.0
     highest = 1e3
     if excess(highest) > 0:
-        raise InputError(f"Restitution.coefficient = {restitution}: too small; use at least 1e-6")
+        raise InputError(
+            f"coefficient of restitution = {restitution}: too small; use at least 1e-6"
+        )
     return brentq(excess, 0.0, highest, xtol=1e-14)
 
 

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from floebmi import __version__
-from floebmi.errors import InputError, in_line
+from floebmi.errors import InputError, in_line, warn
 from floebmi.files import attributes_of, check_new_folder, check_target, in_one_go, path_of
 from floebmi.meter import meter, say
 from floebmi.quantities import check_flag, check_table
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 Member = Callable[[Mapping[str, Any], int], Mapping[str, np.ndarray]]
 Key = tuple[int, int]  # of a member: its place in the sweep, and among the seeds
+Arguments = Callable[[Key], tuple[Member, dict[str, Any], int]]  # of the call of a member
+Keep = Callable[[Key, Mapping[str, np.ndarray] | Exception], None]
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -153,7 +155,15 @@ def run(
     return done
 
 
-def _check(member, parameters, sweep, seeds, jobs, on, code) -> None:
+def _check(
+    member: object,
+    parameters: object,
+    sweep: Any,
+    seeds: object,
+    jobs: object,
+    on: object,
+    code: object,
+) -> None:
     """InputError for an argument that `run` cannot use."""
     for name, table in (("parameters", parameters), ("sweep", sweep)):
         if table is None:
@@ -415,8 +425,8 @@ def _in_waves(keys: Sequence[Key], code: Callable[[Key], object]) -> Iterator[li
 
 def _spread(
     keys: list[Key],
-    arguments: Callable[[Key], tuple[Member, dict[str, Any], int]],
-    keep: Callable[[Key, Mapping[str, np.ndarray] | Exception], None],
+    arguments: Arguments,
+    keep: Keep,
     jobs: int,
     on: "Executor | distributed.Client | None",
 ) -> None:
@@ -431,7 +441,13 @@ def _spread(
             keep(key, RuntimeError("the process ended without a word (out of memory?)"))
 
 
-def _in_a_pool(keys, arguments, keep, jobs):
+def _in_a_pool(
+    keys: list[Key],
+    arguments: Arguments,
+    keep: Keep,
+    jobs: int,
+) -> list[Key]:
+    """Run members in processes of their own; returns those that were lost with their process."""
     context = multiprocessing.get_context("spawn")
     workers = min(jobs, len(keys)) or 1
     others = set(multiprocessing.active_children())
@@ -444,8 +460,13 @@ def _in_a_pool(keys, arguments, keep, jobs):
             raise
 
 
-def _collect(executor, keys, arguments, keep):
-    """Returns the members that were lost with their process."""
+def _collect(
+    executor: Executor,
+    keys: list[Key],
+    arguments: Arguments,
+    keep: Keep,
+) -> list[Key]:
+    """Run members on an executor; returns those that were lost with their process."""
     futures = {executor.submit(_attempt, *arguments(key)): key for key in keys}
     lost = []
     try:
@@ -460,7 +481,7 @@ def _collect(executor, keys, arguments, keep):
                 result = error
             for warning in heard:
                 try:
-                    warnings.warn(warning, stacklevel=1)
+                    warn(warning)
                 except Warning as error:  # python -W error; here it would end all members
                     result = error
             keep(futures[future], result)
@@ -485,7 +506,7 @@ class _Quiet:
 
     def write(self, text: str) -> None:
         try:
-            warnings.warn(text, stacklevel=4)
+            warn(text)
         except UserWarning:  # python -W error; the other members go on all the same
             say(text)
 

@@ -1,10 +1,12 @@
-"""Errors with messages of one line.
+"""Errors with messages of one line, and warnings at the user's line.
 
 `InputError` is for wrong input (a scene, a file, an argument): the message names the place, the
 value and what would be right.  `StabilityError` is for a run that left the limits of the model.
 """
 
 import difflib
+import sys
+import warnings
 from collections.abc import Collection, Iterable
 
 
@@ -18,6 +20,18 @@ class InputError(ValueError):
 
 class StabilityError(RuntimeError):
     """A run left the limits of the model, mostly by a time step that is too long; the message names floe, time and step, and what would help."""
+
+
+def warn(text: str | Warning, kind: type[Warning] = UserWarning) -> None:
+    """Warn at the line of the user's program that led here, from however deep in this package."""
+    level, frame = 2, sys._getframe(1)
+    while frame and _is_ours(str(frame.f_globals.get("__name__"))):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, kind, stacklevel=level)
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] in ("floebmi", "coupling")
 
 
 def in_line(value: object) -> str:

@@ -9,9 +9,10 @@ from floebmi import calibration
 from floebmi.boundaries import EDGES
 from floebmi.contact import turns
 from floebmi.floes import FIXED
-from floebmi.forces import AirDrag, CoriolisField, GeostrophicTilt, OceanDrag
+from floebmi.forces import AirDrag, Coriolis, CoriolisField, GeostrophicTilt, OceanDrag
 from floebmi.running import duration_text
 from floebmi.sampling import floe_weights, without_cell
+from floebmi.scene_physics import EARTH_ROTATION
 
 if TYPE_CHECKING:
     from floebmi.boundaries import Domain
@@ -47,13 +48,18 @@ def explain(scene: "Scene", built: "Built") -> str:
 
 
 def notes(model: "Model") -> list[str]:
-    """Lines on what a modeller may not expect: a coast that stops no floe; a drag coefficient, taken on the floes' area, that
-    is unusual; floes without drag over dry cells; a grid that leaves a part of the domain out."""
+    """Lines on what a modeller may not expect: a coast that stops no floe; a Coriolis parameter of another planet; a
+    drag coefficient, taken on the floes' area, that is unusual; floes without drag over dry cells; a grid that leaves a part of the domain out."""
     lines = []
     if model.contact is None and model.floes.land.any():
         lines.append("without [contact] the coast stops no floe: ice drifts over land")
     grids: dict[int, tuple[Grid, list[str]]] = {}  # by their nodes: ocean and air may share them
     for force in model.forces:
+        if isinstance(force, Coriolis) and abs(force.parameter) > 2 * EARTH_ROTATION:
+            lines.append(
+                f"a Coriolis parameter of {force.parameter:g} 1/s is beyond ±{2 * EARTH_ROTATION:.4g} 1/s, those of the "
+                "Earth; a large one takes many sub-steps"
+            )
         if not isinstance(force, OceanDrag | AirDrag):
             continue
         if isinstance(force, OceanDrag):

@@ -12,7 +12,6 @@ units and masks form one sparse complex matrix M, and each record costs one prod
 from __future__ import annotations
 
 import inspect
-import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal, Protocol, final, get_args
 
@@ -22,7 +21,7 @@ from scipy import sparse
 from floebmi import cgrid
 from floebmi.cgrid import Stagger
 from floebmi.clock import BeyondSpan, Calendar, Clock
-from floebmi.errors import InputError, check_text, check_word, in_line
+from floebmi.errors import InputError, check_text, check_word, in_line, warn
 from floebmi.factors import velocity_factor
 from floebmi.fields import Box, Field, Wanted, field, find
 from floebmi.grid import Grid, check_grid
@@ -457,10 +456,9 @@ class VelocityFile:
         if isinstance(place, Net):
             away = float(np.nanmedian(np.abs(np.angle(np.exp(1j * (angle - place.own(box)))))))
             if away > _WRONG_ANGLE:
-                warnings.warn(
+                warn(
                     f"{centres.file.label}: {name} differs from the direction of its columns by"
-                    f" {np.degrees(away):.1f}°; {name} is used",
-                    stacklevel=4,
+                    f" {np.degrees(away):.1f}°; {name} is used"
                 )
         return angle
 

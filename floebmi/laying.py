@@ -151,6 +151,8 @@ def settle(
 
     x, y, group = _pack(radius, ground, rng)
     left = _unplaced(x, y, radius, ground.barrier) > 0
+    # of the places with room for a floe, by their number: where a larger floe has room, a smaller one has
+    trees: dict[int, cKDTree] = {}
     for _ in range(ROUNDS):
         # many floes without room are no bad luck
         if not left.any() or np.count_nonzero(left) > max(10, 0.1 * len(left)):
@@ -162,9 +164,11 @@ def settle(
             place = np.flatnonzero(clear)
             if not len(place):
                 continue
-            at = ground.centres(place)
-            near = cKDTree(at).query([x[k], y[k]], k=min(64, len(at)))[1]
-            x[k], y[k] = at[rng.choice(np.atleast_1d(near))]
+            if len(place) not in trees:
+                trees[len(place)] = cKDTree(ground.centres(place))
+            tree = trees[len(place)]
+            near = tree.query([x[k], y[k]], k=min(64, tree.n))[1]
+            x[k], y[k] = tree.data[rng.choice(np.atleast_1d(near))]
         _press_all(x, y, radius, ground, rng)
         left = _unplaced(x, y, radius, ground.barrier) > 0
     return x, y, group, left

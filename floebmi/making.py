@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Making:
-    """Time that this process has spent compiling or loading kernels [s]: wall-clock and processor time."""
+    """Time that this process has spent compiling or loading kernels [s]: wall-clock and CPU time."""
 
     clock = 0.0
     processor = 0.0
@@ -42,5 +42,5 @@ def work_clock() -> float:
 
 
 def work_of_processor() -> float:
-    """Processor time of this process [s], without that for making kernels."""
+    """CPU time of this process [s], without that for making kernels."""
     return time.process_time() - Making.processor

@@ -14,7 +14,6 @@ What the scene does not list does not exist: a model without wind has no `atmosp
 friction has no angles.
 """
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -40,7 +39,7 @@ from floebmi.boundaries import (
 from floebmi.budgets import Ledger
 from floebmi.contact import Contact, memories, own, turns
 from floebmi.dynamics import Step, usual_fraction
-from floebmi.errors import InputError, StabilityError, check_word, in_line
+from floebmi.errors import InputError, StabilityError, check_word, in_line, warn
 from floebmi.floes import FIXED_ROTATION, FIXED_X, FIXED_Y, Floes
 from floebmi.fluid import fluid_of, fluids_for, give_impulses_back, impulses_of_drag, sample
 from floebmi.forces import (
@@ -211,7 +210,7 @@ class Model:
         self._state = self._first_state(rng)
         refuse_over_walls(self._state.walls, floes, domain, "at the start")
         if told := told_outside(floes, domain):
-            warnings.warn(f"{told}: they leave with the first exchange", stacklevel=2)
+            warn(f"{told}: they leave with the first exchange")
         self._last_duration = 0.0
         self._warned_of_lag = False
         self._seen = self._see(floes.copy())
@@ -241,7 +240,7 @@ class Model:
         modulus = 0.0 if contact is None else contact.elastic.youngs_modulus
         walls = build_walls(domain, self.walls, floes, self.ice_density, modulus)
         if contact is None and len(walls):
-            raise InputError("walls and closed edges need a contact law: contact is None")
+            raise InputError("walls and closed edges need a contact law: give contact")
         if contact is not None:
             refuse_overlaps(floes, domain, "at the start")
         none, start = np.zeros(0, np.uint32), np.zeros(len(floes) + 1, np.int64)
@@ -427,12 +426,11 @@ class Model:
         rate = float(ocean.coefficient.max()) / (drag[0].density * ocean.layer_thickness)
         if duration * rate > LAG_ALLOWED:
             self._warned_of_lag = True
-            warnings.warn(
+            warn(
                 f"exchange of {duration:g} s at t = {self.time:g} s: drag on ice could turn a layer of "
                 f"{ocean.layer_thickness:g} m {duration * rate:.2g} times, above {LAG_ALLOWED:g} a lagged "
                 f"stress grows under ice at rest; exchange every {LAG_ALLOWED / rate:.3g} s, or take the "
-                "linear drag coefficient implicitly",
-                stacklevel=3,
+                "linear drag coefficient implicitly"
             )
 
     def _book_edits(self, now: Advance) -> None:
@@ -714,7 +712,7 @@ class Model:
             refuse_other_coast(self.floes, floes, self.domain)
             self._take_up(state, floes)
         if branched:
-            warnings.warn(f"restart: goes on with {'; '.join(branched)}", stacklevel=2)
+            warn(f"restart: goes on with {'; '.join(branched)}")
 
     def _take_up(self, state: Mapping[str, Any], floes: Floes) -> None:
         """Continue from a state that fits, with its floes."""

@@ -6,6 +6,7 @@ import difflib
 import os
 import re
 import struct
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,7 +67,9 @@ def _open(path: str | os.PathLike | xr.Dataset) -> File:
     if not zarr:
         _refuse_if_cut(path)
     try:
-        data = xr.open_dataset(path, engine=engine, cache=False, decode_timedelta=False)
+        with warnings.catch_warnings():  # what cannot be read is refused below, in one line
+            warnings.filterwarnings("ignore", ".* fails while guessing", RuntimeWarning)
+            data = xr.open_dataset(path, engine=engine, cache=False, decode_timedelta=False)
     except Exception as error:  # each engine raises its own types
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         if not zarr and "did not find a match" in reason:

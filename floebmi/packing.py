@@ -3,7 +3,6 @@
 The algorithm for scattered floes is in laying.py, the land that they keep clear of in barrier.py.
 """
 
-import warnings
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 from floebmi.barrier import Land, area_inside, barrier_of
 from floebmi.boundaries import Domain, check_domain
 from floebmi.coast import read_features
-from floebmi.errors import InputError, check_word, choose
+from floebmi.errors import InputError, check_word, choose, warn
 from floebmi.files import path_of
 from floebmi.floes import FIXED_X, FIXED_Y, Floes, check_floes
 from floebmi.grid import Grid, check_grid
@@ -210,9 +209,7 @@ def from_field(
         if area > 1e-9 * wanted
     ]
     if told:
-        warnings.warn(
-            f"ice not placed: {', '.join(told)}; of {wanted:.4g} m²", IceNotPlaced, stacklevel=2
-        )
+        warn(f"ice not placed: {', '.join(told)}; of {wanted:.4g} m²", IceNotPlaced)
     x, y, radius, cell = (values[~left] for values in (x, y, radius, cell))
     order = sort_in_space(x, y, radius) if len(x) else slice(None)
     return Floes(x[order], y[order], radius[order], depth[cell[order]])
@@ -606,6 +603,6 @@ def _check_fit(radius: np.ndarray, domain: Domain) -> None:
         side, radii = high - low, 2 if length is None else 4
         if largest * radii * (1 + SPARE) > side:
             raise InputError(
-                f"domain.{axis}: {side:g} m; must be at least {radii} radii of the largest "
-                f"floe, {largest * radii:g} m"
+                f"{axis} from {low:g} to {high:g} m: must be at least {largest * radii:g} m long, "
+                f"{radii} radii of the largest floe"
             )

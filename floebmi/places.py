@@ -8,13 +8,12 @@ single point whose series holds everywhere.  Each finds the source points around
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple, final, get_args
 
 import numpy as np
 
-from floebmi.errors import InputError, check_word
+from floebmi.errors import InputError, check_word, warn
 from floebmi.factors import IN_FILE, length_factor
 from floebmi.fields import (
     COORDINATES,
@@ -332,11 +331,10 @@ def place_of(
         if position == "mapping" or not _nominal(file.label, rows, columns, net, position):
             names = (str(f[1].attrs.get("long_name", "")) for f in found)
             if net is None and position == "auto" and any("nominal" in n.lower() for n in names):
-                warnings.warn(
+                warn(
                     f"{where}: its longitude and latitude are nominal by their long_name, which are no places on"
                     " a tripolar grid: give the file that has them in 2-D along with this one, or position ="
-                    " 'mapping' if they are right",
-                    stacklevel=4,
+                    " 'mapping' if they are right"
                 )
             plane = _needed(projection, where, columns, rows)
             text = f"{rows.size} × {columns.size} lat, lon"
@@ -520,10 +518,9 @@ def _nominal(
     away = float(np.nanmax(distance(lon, lat, net[0][every], net[1][every])))
     cell = float(distance(0.0, rows[0], 0.0, rows[-1])) / (rows.size - 1)
     if away > cell / 4 and position == "auto":
-        warnings.warn(
+        warn(
             f"{label}: its axes of latitude and longitude and {net[2]} disagree by up to {away / 1000:.1f} km"
-            f" ({away / cell:.1f} cells); {net[2]} are used: choose with position = 'mapping' (the axes) or 'lonlat'",
-            stacklevel=4,
+            f" ({away / cell:.1f} cells); {net[2]} are used: choose with position = 'mapping' (the axes) or 'lonlat'"
         )
     return away > cell / 4
 
@@ -537,10 +534,9 @@ def _compare(
     away = float(np.nanmedian(distance(lon, lat, net[0][every], net[1][every])))
     cell = min(abs(np.diff(axis)).mean() for axis in (rows, columns) if axis.size > 1)
     if away > cell / 4:
-        warnings.warn(
+        warn(
             f"{label}: x, y with the grid mapping and {net[2]} disagree by {away / 1000:.1f} km"
-            f" ({away / cell:.1f} cells); x, y are used: choose with position = 'mapping' or 'lonlat'",
-            stacklevel=4,
+            f" ({away / cell:.1f} cells); x, y are used: choose with position = 'mapping' or 'lonlat'"
         )
 
 

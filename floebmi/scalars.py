@@ -8,14 +8,13 @@ file has is decided by its name, long_name, comment and cell_methods; if they do
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from floebmi.clock import Clock
-from floebmi.errors import InputError, check_text, check_word, in_line
+from floebmi.errors import InputError, check_text, check_word, in_line, warn
 from floebmi.factors import fraction_factor, is_percent, length_factor
 from floebmi.fields import Field, File, Wanted, field, find, holds
 from floebmi.grid import Grid, check_grid
@@ -201,9 +200,8 @@ def _fraction(part: Field, units: str | None, on: _On) -> np.ndarray:
     factor = fraction_factor(said, part.label)
     values = factor * _interpolated(part, on, scale=factor, top=1.0)
     if is_percent(said) and 0 < values.max() <= 0.01:
-        warnings.warn(
-            f"{part.label}: units = {said!r}, but nowhere is it more than {100 * values.max():.2g}: is it a fraction of 1?",
-            stacklevel=3,
+        warn(
+            f"{part.label}: units = {said!r}, but nowhere is it more than {100 * values.max():.2g}: is it a fraction of 1?"
         )
     return _bounded(part.label, values, 1.0)
 
@@ -326,10 +324,9 @@ def _bounded(label: str, values: np.ndarray, top: float) -> np.ndarray:
         c = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
         raise _out_of_bounds(f"{label} at cell {c}", values[c], top)
     if (beyond > _ROUND_OFF).any():
-        warnings.warn(
+        warn(
             f"{label}: {int((beyond > _ROUND_OFF).sum())} cells beyond 0 … {top:g} by at most"
-            f" {beyond.max():.1g} are set to the bound",
-            stacklevel=3,
+            f" {beyond.max():.1g} are set to the bound"
         )
     return np.clip(values, 0, top)
 

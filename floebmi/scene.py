@@ -378,7 +378,8 @@ class Scene(Table):
         if self.coriolis is not None:
             found.append(self.coriolis.build())
         if self.tilt is not None:
-            found.append(self.tilt.build(self.ocean, self.coriolis))
+            with self.place("tilt"):
+                found.append(self.tilt.build(self.ocean, self.coriolis))
         if self.body_force is not None:
             found.append(self.body_force)
         return found

@@ -1,6 +1,5 @@
 """Groups of floes in a scene: the keys of each arrangement, and the floes that it makes."""
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -9,7 +8,7 @@ from pydantic import Field, model_validator
 
 from floebmi.boundaries import Domain
 from floebmi.clock import date_of
-from floebmi.errors import InputError
+from floebmi.errors import InputError, warn
 from floebmi.floes import (
     DRIVEN,
     FIXED,
@@ -224,7 +223,7 @@ class FromField(Group):
             raise InputError("arrangement = 'field' needs a [grid]")
         fraction, thickness = self.ice(sea)
         if not fraction[sea.grid.wet].any():
-            warnings.warn(f"{self.file}: there is no ice in the wet cells", stacklevel=2)
+            warn(f"{self.file}: there is no ice in the wet cells")
         return packing.from_field(
             sea.grid,
             fraction,
@@ -289,7 +288,7 @@ class FromFile(Group):
         plane = None if path.suffix.lower() == ".csv" else sea.projection
         floes = packing.read_floes(path, self.thickness, plane)
         if not len(floes):
-            warnings.warn(f"{self.file}: there are no floes in it", stacklevel=2)
+            warn(f"{self.file}: there are no floes in it")
         return floes
 
 
@@ -339,6 +338,9 @@ def _motion_bits(motion: Motion) -> int:
 
 def _region(domain: Domain, x: Pair | None, y: Pair | None) -> Domain:
     """Part of a domain; a direction in which it is cut is no longer periodic."""
+    for name, pair in (("x", x), ("y", y)):
+        if pair is not None and not pair[1] > pair[0]:
+            raise InputError(f"{name} = {list(pair)}: the second must be larger")
     if x is not None:
         domain = domain._replace(x=x, west="inactive", east="inactive")
     if y is not None:

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from floebmi.grid import Grid
 
 _DRAG = f"a preset ({', '.join(DRAG_PRESETS)}), or a table of coefficients"
-_EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
+EARTH_ROTATION = 7.2921159e-5  # rotation of the Earth [rad/s]
 
 
 # ---- contact ----------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ class CoriolisTable(Table):
     def f(self) -> float:
         """The Coriolis parameter [1/s]; with a field its initial value."""
         if self.latitude is not None:
-            return 2 * _EARTH_ROTATION * math.sin(math.radians(self.latitude))
+            return 2 * EARTH_ROTATION * math.sin(math.radians(self.latitude))
         return self.parameter
 
     def build(self) -> Coriolis | CoriolisField:
@@ -238,7 +238,7 @@ class TiltTable(_Tilt):
             return law_of(self, Tilt)
         if ocean is None or coriolis is None or coriolis.field:
             raise InputError(
-                "[tilt] geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
+                "geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
             )
         return GeostrophicTilt(coriolis.f)
 

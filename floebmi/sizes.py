@@ -188,8 +188,8 @@ def _in_short(sizes: Histogram | Empirical) -> str:
 Sizes = PowerLaw | UniformSize | SingleSize | Histogram | Empirical
 
 
-def check_sizes(sizes: Sizes) -> None:
-    """Refuse a distribution that cannot be drawn from.
+def check_sizes(sizes: Sizes, place: str = "") -> None:
+    """Refuse a distribution that cannot be drawn from; place : what stands before the names of its parameters in an error.
 
     Raises
     ------
@@ -201,33 +201,32 @@ def check_sizes(sizes: Sizes) -> None:
             f"sizes = {sizes!r}: must be a PowerLaw, UniformSize, SingleSize, Histogram or "
             "Empirical"
         )
-    name = type(sizes).__name__
     if isinstance(sizes, Histogram):
-        edges, counts = _row(f"{name}.edges", sizes.edges), _row(f"{name}.counts", sizes.counts)
+        edges, counts = _row(f"{place}edges", sizes.edges), _row(f"{place}counts", sizes.counts)
         if len(edges) != len(counts) + 1:
             raise InputError(
-                f"{name}: {len(edges)} edges and {len(counts)} counts; one edge more is needed"
+                f"{place}edges: {len(edges)}, with {len(counts)} counts; must be one more than counts"
             )
         falls = np.flatnonzero(np.diff(edges, prepend=0.0) <= 0)
         if falls.size:
             k = int(falls[0])
             raise InputError(
-                f"{name}.edges[{k}] = {edges[k]:g} m; must be greater than 0, and increase"
+                f"{place}edges[{k}] = {edges[k]:g} m; must be greater than 0, and increase"
             )
         if counts.min() < 0 or counts.sum() == 0:
             k = int(counts.argmin())
-            raise InputError(f"{name}.counts[{k}] = {counts[k]:g}; at least 0 each, not all 0")
+            raise InputError(f"{place}counts[{k}] = {counts[k]:g}; at least 0 each, not all 0")
     elif isinstance(sizes, Empirical):
-        radii = _row(f"{name}.radii", sizes.radii)
+        radii = _row(f"{place}radii", sizes.radii)
         if radii.min() <= 0:
             row = int(radii.argmin())
-            raise InputError(f"{name}.radii[{row}] = {radii[row]:g} m; must be greater than 0")
+            raise InputError(f"{place}radii[{row}] = {radii[row]:g} m; must be greater than 0")
     else:
         check([sizes])
         low, high = sizes.range
         if low > high:
             raise InputError(
-                f"{name}.radius_max = {high:g} m; must be at least radius_min, {low:g} m"
+                f"{place}radius_max = {high:g} m; must be at least radius_min, {low:g} m"
             )
 
 

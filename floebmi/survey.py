@@ -14,7 +14,7 @@ from floebmi.pairs import any_period, least_of, recall, wrap
 class Contacts(NamedTuple):
     """Pairs that exert contact forces on each other now.
 
-    i, j : floe numbers; x, y : contact point [m]; dx, dy : branch vector from the centre of i to that of j [m]
+    i, j : floe numbers; x, y : contact point [m], brought back across periodic edges; dx, dy : branch vector from the centre of i to that of j [m]
     fx, fy : force on i [N], the force on j is its opposite; overlap [m], negative for a stretched bond
     bonded : bool; energy : elastic energy [J]
     """

@@ -19,6 +19,7 @@ LEAST_SECONDS = 1.0  # of all turns
 def shares_of_a_step(model: Model) -> dict[str, float]:
     """The shares of "contacts", "forces" (all but those) and "motion" in the time of a step from here [1]; they sum to 1.
 
+    A share that noise would make negative is 0; if contacts and forces would take more than all, they are scaled to 1.
     Those that the model has; in the paper's schemes the forces are part of the motion.  Empty before the first step and
     without floes.  Takes about a second, and leaves the model as it is.
     """

@@ -1,7 +1,7 @@
 """Trade-off between speed and accuracy: a scene run with different settings, each compared with a fine reference.
 
 A setting is a text as for `--set`, such as "step.fraction=0.5 sampling=centre"; the empty text is the scene as it
-is.  Each setting runs with several seeds, in an ensemble.  Its cost is the processor time [s] per simulated day; its
+is.  Each setting runs with several seeds, in an ensemble.  Its cost is the CPU time [s] per simulated day; its
 errors are those of quantities of interest (`COMPARED`), relative to the reference.
 
 A scene is quiet if moving its floes by a millionth of a radius hardly changes these quantities; its settings are
@@ -64,8 +64,8 @@ OUTPUTS = {
     "energy_residual": Output((), "1", "residual of the energy over what was exchanged"),
     "inertia_number": Output((), "1", "I = γ̇ d √(ρ/N), from the gridded strain rate and pressure"),
     "floe_steps": Output((), "1", "floes times steps"),
-    "cost": Output((), "s", "processor time"),
-    "cost_per_day": Output((), "s", "processor time per simulated day"),
+    "cost": Output((), "s", "CPU time"),
+    "cost_per_day": Output((), "s", "CPU time per simulated day"),
 }
 
 

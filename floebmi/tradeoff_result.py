@@ -145,7 +145,7 @@ def figure(data: "xr.Dataset") -> "Figure":
                 color=colour, va="center", transform=names.transAxes,
             )  # fmt: skip
         ax.set(
-            xscale="log", yscale="log", title=data.attrs["title"], xlabel="seconds of a processor for a simulated day",
+            xscale="log", yscale="log", title=data.attrs["title"], xlabel="CPU time per simulated day [s]",
             ylabel=f"error of {of} [1]\n({COMPARED[of]})",
         )  # fmt: skip
         plain_numbers(ax.xaxis)

@@ -49,6 +49,13 @@ def test_a_floe_crosses_a_periodic_seam_and_stays_in_the_domain():
     assert floes.x[0] == pytest.approx(5.0, abs=1e-6) and floes.active.all()
 
 
+@pytest.mark.parametrize("x, where", [((99.5, 3.4), 1.45), ((0.5, 96.6), 98.55)])
+def test_a_contact_across_a_periodic_seam_lies_in_the_domain(x, where):
+    floes = Floes(x, 50.0, 2.0, 1.0)
+    contacts = Model(box(west="periodic", south="periodic"), floes, contact=Contact()).contacts()
+    assert (contacts.x[0], contacts.y[0]) == pytest.approx((where, 50.0))
+
+
 @pytest.mark.parametrize(
     "edge, u, v", [("west", -1, 0), ("east", 1, 0), ("south", 0, -1), ("north", 0, 1)]
 )

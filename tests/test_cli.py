@@ -13,6 +13,8 @@ import xarray as xr
 from click.testing import CliRunner
 
 from floebmi import (
+    Coriolis,
+    Domain,
     Floes,
     Model,
     __version__,
@@ -610,6 +612,15 @@ def test_floes_over_dry_cells_are_noted(cli, tmp_path):
     assert line.endswith("(1 of 2 floes now); no [coast] keeps floes off them")
     bare.floes.x[0] = 700.0
     assert any("(0 of 2 floes now); no [coast]" in line for line in notes(bare))
+
+
+@pytest.mark.parametrize("parameter, told", [(1.45e-4, False), (-1.45e-4, False), (-1.5, True)])
+def test_a_coriolis_parameter_that_is_not_of_the_earth_is_noted(parameter, told):
+    model = Model(
+        Domain((0.0, 1e3), (0.0, 1e3)), Floes(5e2, 5e2, 9.0, 1.0), forces=[Coriolis(parameter)]
+    )
+    beyond = [line for line in notes(model) if "-1.5 1/s is beyond ±0.0001458 1/s" in line]
+    assert len(beyond) == len(notes(model)) == told
 
 
 @pytest.mark.parametrize("edges, share", [("inactive", "50"), ("periodic", "25"), ("periodic", "")])

@@ -320,6 +320,21 @@ def test_a_collection_without_a_list_of_features_is_refused(tmp_path, features):
         from_geojson(path, radius=100.0)
 
 
+@pytest.mark.parametrize(
+    "name, metres",
+    [("EPSG:3413", True), ("urn:ogc:def:crs:OGC:1.3:CRS84", False), ("EPSG:nowhere", False), (3, False)],
+)  # fmt: skip
+def test_geojson_in_few_metres_says_so_by_the_plane_that_it_names(tmp_path, name, metres):
+    isle = {"type": "Polygon", "coordinates": [[[20, 10], [60, 10], [60, 50], [20, 10]]]}
+    path = tmp_path / "isle.geojson"
+    path.write_text(json.dumps(isle | {"crs": {"type": "name", "properties": {"name": name}}}))
+    if metres:
+        assert land_geometry(from_geojson(path, radius=1.0).polygons).area == 800.0
+    else:
+        with pytest.raises(InputError, match='look like degrees.*"crs": .*"EPSG:3413"'):
+            from_geojson(path, radius=1.0)
+
+
 def test_geojson_in_degrees_needs_a_projection(tmp_path):
     isle = {"type": "Polygon", "coordinates": [[[-45, 80], [-44, 80], [-44, 81], [-45, 80]]]}
     path = geojson(tmp_path, isle)
@@ -345,8 +360,9 @@ def test_an_edge_that_goes_the_long_way_round_the_globe_is_warned_of(tmp_path):
         ring = np.column_stack([lon, [75, 75, 76, 76]]).tolist()
         return geojson(tmp_path, {"type": "Polygon", "coordinates": [[*ring, ring[0]]]})
 
-    with pytest.warns(UserWarning, match="over 358° of longitude.* such as 181 for -179"):
+    with pytest.warns(UserWarning, match="over 358° of longitude.* such as 181 for -179") as told:
         from_geojson(isle(west), radius=5000.0, projection=plane)
+    assert told[0].filename == __file__
     coast = from_geojson(isle(west % 360), radius=5000.0, projection=plane)
     assert land_geometry(coast.polygons).area == pytest.approx(111e3 * 56e3, rel=0.05)
 

@@ -13,6 +13,7 @@ import pytest
 from test_pages import DOCS, PAGES, ROOT, read
 
 import floebmi
+from benchmarks.options import run
 from floebmi import forces, plot, sizes
 from floebmi.bonds import TensileStrength
 from floebmi.cli import floebmi as program
@@ -116,6 +117,32 @@ def test_every_benchmark_answers_a_call_for_help_and_does_not_run(path, monkeypa
     with pytest.raises(SystemExit):
         importlib.import_module(f"benchmarks.{path.stem}").main()
     assert f"python -m benchmarks.{path.stem}" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    "line, why",
+    [
+        ("bare --floes 0", "0: must be a whole number, at least 1"),
+        ("cohesive --repeats -2", "-2: must be a whole number, at least 1"),
+        ("dense --ratio 0.5", "0.5: must be a number, at least 1"),
+        ("exchange --cells 0", "0: must be a whole number, at least 1"),
+        ("fuzz --seed -1", "-1: must be a whole number, at least 0"),
+        ("growth --largest 10", "10: must be a whole number, at least 1000"),
+        ("limit --floes x", "x: must be a whole number, at least 1"),
+        ("stability --to nowhere/growth.png", "there is no such folder"),
+        ("start nowhere", "nowhere: neither a file here nor a packaged scene"),
+        ("threads --floes 1000,0", "0: must be a whole number, at least 1"),
+        ("threads --figure gains.doc", "must end with .png"),
+        ("dense --floes 1", "radii of the largest floe"),
+    ],
+)
+def test_a_benchmark_refuses_a_wrong_option_in_one_line(line, why, monkeypatch, capsys):
+    name, *options = line.split()
+    monkeypatch.setattr(sys, "argv", [name, *options])
+    with pytest.raises(SystemExit) as stop:
+        run(importlib.import_module(f"benchmarks.{name}").main)
+    assert stop.value.code == 2
+    assert why in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.parametrize("page", PAGES)

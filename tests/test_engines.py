@@ -20,8 +20,8 @@ def ask(monkeypatch, *words):
 @pytest.mark.parametrize(
     "option, value, why",
     [
-        ("--sizes", "1000,0", "must be numbers, at least 1"),
-        ("--ratios", "nan", "must be numbers, at least 1"),
+        ("--sizes", "1000,0", "must be a number, at least 1"),
+        ("--ratios", "nan", "must be a number, at least 1"),
         ("--repeats", "0", "must be a whole number, at least 1"),
         ("--steps", "-3", "must be a whole number, at least 1"),
         ("--packs", "tight", "tight; known: loose, jammed"),

@@ -356,6 +356,21 @@ def test_members_that_failed_are_counted_in_the_file(tmp_path, monkeypatch):
     assert made.data.attrs["members_failed"] == len(made.failures) == 1
 
 
+def test_the_command_does_not_promise_that_a_member_of_wrong_input_succeeds_when_run_again(
+    cli, monkeypatch
+):
+    def fails(p, seed):
+        if seed == 2:
+            raise InputError("Shear.floes = 9.0: too few")
+        return made_up_shear(p, seed)
+
+    monkeypatch.setattr(shear, "member", fails)
+    done = cli("shear --seeds 2 --normal-stress 1e4 --jobs 1 --quiet --save s.nc")
+    *_, why, last = done.output.splitlines()
+    assert done.exit_code == 3 and "seed=2: Shear.floes = 9.0: too few" in why, done.output
+    assert "1 members failed" in last and "in vain if a parameter is the reason" in last
+
+
 def test_the_figure_of_stresses_shows_the_members_their_line_and_its_band(shears):
     left, right = figures._stresses({"frictional": shears.data}).axes
     *seeds, line = (one.get_xydata() for one in left.lines)

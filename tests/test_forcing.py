@@ -643,8 +643,9 @@ def twice_placed(shift):
 
 def test_positions_that_disagree_are_warned_of_and_the_user_chooses():
     grid = Grid.uniform((-200e3, 200e3), (-200e3, 200e3), shape=(4, 4))
-    with pytest.warns(UserWarning, match=r"disagree by 4\d\.\d km \(0\.4 cells\)"):
+    with pytest.warns(UserWarning, match=r"disagree by 4\d\.\d km \(0\.4 cells\)") as told:
         mapped = velocity(VelocityFile(twice_placed(40e3), grid), grid)[0]
+    assert told[0].filename == __file__
     np.testing.assert_allclose(mapped, grid.x / 1e6, atol=1e-12)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

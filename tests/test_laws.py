@@ -472,9 +472,15 @@ def test_the_energy_of_a_pack_goes_where_the_ledger_says_with_each_law(law):
     "law, message",
     [
         (TensileStrength(1e5, healing=Healing(0.0)), r"Healing.rate = 0.0: must be greater than 0"),
-        (TensileStrength(1e5, healing=Healing(1.0, 2e5)), "Healing.initial = 200000.0: must be at"),
+        (
+            TensileStrength(1e5, healing=Healing(1.0, 2e5)),
+            "contact.bonds.healing.initial = 200000.0: must be at",
+        ),
         (TensileStrength(1e5, beam=Beam(-1.0)), "Beam.shear_strength = -1.0"),
-        (TensileStrength(1e5, beam=Beam(1e5, 0.3)), "Beam.poisson_ratio = 0.3: must be that of"),
+        (
+            TensileStrength(1e5, beam=Beam(1e5, 0.3)),
+            "contact.bonds.beam.poisson_ratio = 0.3: must be that of",
+        ),
         (TensileStrength(1e5, spread=0.0), "TensileStrength.spread = 0.0"),
     ],
 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
+from scipy import spatial
 
 import floebmi.packing
 from floebmi.boundaries import Domain
@@ -182,10 +183,10 @@ def test_a_concentration_of_0_is_no_ice():
         ({"concentration": None, "count": -1}, "count = -1; must be a whole number"),
         (
             {"concentration": None, "count": 1, "sizes": SingleSize(300.0)},
-            "domain.y: 500 m; must be at least 2 radii of the largest",
+            "y from 0 to 500 m: must be at least 600 m long, 2 radii of the",
         ),
         ({"sizes": SingleSize(200.0)}, "no number of the floes drawn comes within 0.5 %"),
-        ({"sizes": PowerLaw(5.0, 4.0)}, "PowerLaw.radius_max = 4 m"),
+        ({"sizes": PowerLaw(5.0, 4.0)}, "radius_max = 4 m"),
         ({"thickness": 0.0}, "thickness = 0.0 m; must be greater than 0"),
         ({"seed": -1}, "seed = -1; must be a whole number"),
         ({"domain": Domain((0, 1), (0, 0))}, "domain.y"),
@@ -734,3 +735,13 @@ def test_a_table_with_a_header_alone_has_no_floes(tmp_path):
     path = tmp_path / "floes.csv"
     path.write_text("x,y,radius,thickness\n")
     assert len(read_floes(path)) == 0
+
+
+def test_floes_that_find_no_room_share_the_trees_of_where_they_may_be_laid(monkeypatch):
+    made, tree = [], spatial.cKDTree
+    monkeypatch.setattr(spatial, "cKDTree", lambda at: made.append(len(at)) or tree(at))
+    wet = np.ones((16, 16), bool)
+    wet[4:7, 5:9] = False
+    grid = Grid.uniform((0.0, 3e4), (0.0, 3e4), shape=(16, 16)).with_wet(wet)
+    from_field(grid, 0.85, 1.0, PowerLaw(200.0, 2000.0), seed=1)
+    assert made and len(set(made)) == len(made)

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import warnings
 
 import matplotlib
 import numpy as np
@@ -195,6 +196,15 @@ def test_a_title_is_cut_into_lines_of_about_the_same_length(run):
     lines = draw.frame(run[1], title=title, size=900).axes[0].get_title("left").split("\n")
     assert " ".join(lines) == title and len(lines) == 2
     assert abs(len(lines[0]) - len(lines[1])) < 10
+
+
+def test_signs_that_the_font_lacks_are_drawn_in_the_fonts_of_the_users_style(run, tmp_path):
+    sign, to = "\N{CONICAL TAPER}", tmp_path / "a.png"
+    with pytest.warns(UserWarning, match="missing from font"):
+        draw.frame(run[1], title=sign, to=to)
+    with warnings.catch_warnings(action="error"), matplotlib.rc_context():
+        matplotlib.rcParams["font.sans-serif"] = ["STIXGeneral"]
+        draw.frame(run[1], title=sign, to=to)
 
 
 def test_title_time_axes_and_size_are_right(run):

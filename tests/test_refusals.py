@@ -16,7 +16,7 @@ from coupling.vectors import Staggered, turn
 from floebmi import ensemble, output, paraview, plot, restarts, sizes, tradeoff
 from floebmi.bmi_buffers import numbers_of
 from floebmi.coast import from_geojson, from_land_fraction, from_polygons
-from floebmi.errors import InputError
+from floebmi.errors import InputError, warn
 from floebmi.experiments import campaign
 from floebmi.experiments.parameters import Strait
 from floebmi.projection import centred_projection, to_plane
@@ -369,3 +369,9 @@ def test_other_odd_arguments_are_refused_in_one_line(ask, said, tmp_path, monkey
     with pytest.raises(InputError, match=said) as caught:
         ask()
     assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
+
+
+def test_a_warning_names_the_users_line_even_of_code_without_a_module_name():
+    with pytest.warns(UserWarning, match="told") as told:
+        exec("warn('told')", {"warn": warn})
+    assert told[0].filename == "<string>"

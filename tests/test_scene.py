@@ -309,7 +309,7 @@ def test_the_slope_can_be_in_balance_with_the_current(two):
             read_scene(two, [*listed, wrong])
     for wrong in (listed[1:], [listed[0], *listed[2:]], [*listed, "coriolis.field=true"]):
         with pytest.raises(
-            InputError, match=r"\[tilt\] geostrophic: needs \[ocean\], and \[coriolis\]"
+            InputError, match=r"toml: \[tilt\] geostrophic: needs \[ocean\], and \[coriolis\]"
         ):
             read_scene(two, wrong).build()
 
@@ -389,6 +389,35 @@ def test_no_group_of_a_seed_has_the_floes_of_another_group_or_seed(write):
 )
 def test_a_domain_and_a_grid_lie_within_what_numbers_tell_apart(two, change, said):
     assert said in refused(two, change)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            "floes.size={distribution='uniform', radius_min=9, radius_max=5}",
+            "[floes] radius_max = 5 m",
+        ),
+        (
+            "floes.size={distribution='histogram', edges=[1, 2], counts=[0]}",
+            "[floes] counts[0] = 0; at",
+        ),
+        ("floes.x=[90, 10]", "[floes] x = [90.0, 10.0]: the second must be larger"),
+        ("floes.x=[0, 7]", "[floes] x from 0 to 7 m: must be at least 10 m long, 2 radii of the"),
+        (
+            "inflow={edge='west', velocity=[1, 0], sizes={distribution='uniform', radius_min=9, radius_max=5}}",
+            "toml: inflow.sizes.radius_max = 5 m; must be at least radius_min, 9 m",
+        ),
+        (
+            "contact={model='cohesive', restitution=1e-9}",
+            "coefficient of restitution = 1e-09: too small",
+        ),
+        ("domain.north=closed", "toml: walls and closed edges need a contact law: give contact"),
+    ],
+)
+def test_an_error_of_what_a_scene_makes_names_keys_of_the_scene(write, change, said):
+    floes = '[floes]\nsize = { distribution = "single", radius = 5 }\ncount = 3\n'
+    assert said in refused(write("[domain]\nx = [0, 100]\ny = [0, 100]\n" + floes), change)
 
 
 @pytest.mark.parametrize(
@@ -850,10 +879,11 @@ def test_a_field_without_ice_and_a_file_without_floes_are_told(write, sea, tmp_p
     import xarray as xr
 
     (tmp_path / "none.csv").write_text("x,y,radius,thickness\n")
-    with pytest.warns(UserWarning, match="none.csv: there are no floes in it"):
+    with pytest.warns(UserWarning, match="none.csv: there are no floes in it") as told:
         read_scene(
             write("[domain]\nx=[0,9]\ny=[0,9]\n[floes]\narrangement='file'\nfile='none.csv'\n")
         ).build()
+    assert told[0].filename == __file__
     with xr.open_dataset(tmp_path / "sea.nc") as data:
         data.load()
     data.aice[:] = 0.0

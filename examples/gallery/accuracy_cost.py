@@ -32,7 +32,7 @@ with graph(7, 4) as figure:
     for n in error:
         axes.semilogy(cost[n], error[n], "o", label=n)
     axes.plot([cost[n] for n in front], [error[n] for n in front], "k:", zorder=0, label="front")
-    axes.set(xlabel="time of a processor for a simulated day [s]", ylabel="error of ice flux [1]")
+    axes.set(xlabel="CPU time per simulated day [s]", ylabel="error of ice flux [1]")
     figure.legend(loc="outside right upper")
 measured = error["soft ice"]
 print(f"error with soft ice: {measured:.0%}")

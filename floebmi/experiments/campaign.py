@@ -3,7 +3,7 @@
 A parameter has one value or several; those with several are swept, and become dimensions of the result.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -159,7 +159,7 @@ def _fit_strait(data: "xr.Dataset") -> None:
     data.coords["bound"] = list(BOUNDS)
 
 
-def _each(data: "xr.Dataset", dims: Sequence[str]):
+def _each(data: "xr.Dataset", dims: Sequence[str]) -> Iterator[tuple["xr.Dataset", str]]:
     for index in np.ndindex(*(data.sizes[dim] for dim in dims)):
         at = dict(zip(dims, index, strict=True))
         one = data.isel(at)

@@ -147,7 +147,11 @@ def _run(
         told = [made.text] if made.text else []
         click.echo("\n".join([*told, *(f"wrote {path}" for path in made.files)]))
     if made.failures:
-        fail(f"{len(made.failures)} members failed; the same command runs them again", 3)
+        fail(
+            f"{len(made.failures)} members failed, for the reasons above; the same command runs them again,"
+            " in vain if a parameter is the reason",
+            3,
+        )
 
 
 @contextlib.contextmanager

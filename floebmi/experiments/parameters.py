@@ -71,7 +71,7 @@ class Shear(NamedTuple):
         Positive, Row("m s-1", "speed of the driven floes along +x", "stated: 1 m/s")
     ] = 1.0
     held: Annotated[Positive, Row("m", "distance from the bottom within which floes are fixed, and from the top within which they are driven", "stated: one floe size; taken as the largest diameter")] = 100.0  # fmt: skip
-    concentration: Annotated[Share, Row("1", "area fraction of floes in the box before settling", "chosen: the densest that settles quickly")] = 0.75  # fmt: skip
+    concentration: Annotated[Share, Row("1", "expected area fraction of floes in the box before settling; that of a seed depends on the sizes drawn", "chosen: the densest that settles quickly")] = 0.75  # fmt: skip
     settling: Annotated[Positive, Row("s", "settling time, in water that flows along −y", "chosen: all floes have come to rest")] = 200.0  # fmt: skip
     settling_speed: Annotated[Positive, Row("m s-1", "speed of that water", "chosen: small compared with elastic waves")] = 2.0  # fmt: skip
     consolidation: Annotated[Positive, Row("s", "time under the loaded wall before shearing", "chosen: the wall has come to rest")] = 150.0  # fmt: skip
