@@ -56,7 +56,8 @@ class Running:
         self.sources: dict[str, VelocitySource] = dict(self.of_scene)  # not replaced by a host
         self.filled: dict[str, np.ndarray] = {}  # last values written by a source, as bits
         for name in self.sources:
-            self.fill(name, 0.0)
+            with scene.place(name):
+                self.fill(name, 0.0)
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}

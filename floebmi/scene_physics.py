@@ -238,7 +238,7 @@ class TiltTable(_Tilt):
             return law_of(self, Tilt)
         if ocean is None or coriolis is None or coriolis.field:
             raise InputError(
-                "[tilt] geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
+                "geostrophic: needs [ocean], and [coriolis] with one parameter or latitude, not a field"
             )
         return GeostrophicTilt(coriolis.f)
 
@@ -263,4 +263,9 @@ class Ice(Table):
         water = [law.density for law in forces if isinstance(law, OceanDrag)]
         if not water:
             raise InputError("[ice] draft = 'hydrostatic': needs [ocean], whose density sets it")
+        if self.density > water[0]:
+            raise InputError(
+                f"[ice] density = {self.density:g}: sinks in water of [ocean] drag, of density {water[0]:g};"
+                " draft = 'hydrostatic' needs ice that floats"
+            )
         return self.density / water[0]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 
 from floebmi import FloeBmi, Grid, InputError, StabilityError, bmi, running
@@ -361,6 +362,26 @@ def test_a_wrong_configuration_is_one_line_and_leaves_the_component_free(
     assert "\n" not in str(error.value)
     assert all(word in str(error.value) for word in words), str(error.value)
     component.initialize(str(scene))
+
+
+def test_forcing_that_does_not_reach_time_0_is_refused_with_file_and_table(scene: Path) -> None:
+    at = (
+        {"standard_name": "x_wind", "units": "m s-1"},
+        {"standard_name": "y_wind", "units": "m s-1"},
+    )
+    place = {"units": "m"}
+    xr.Dataset(
+        {name: (("time", "y", "x"), np.ones((2, 2, 2)), one) for name, one in zip("uv", at, strict=True)},
+        {
+            "time": np.array(["2001-01-01", "2001-01-02"], "M8[ns]"),
+            "y": ("y", [-1e6, 1e6], place), "x": ("x", [-1e6, 1e6], place),
+        },
+    ).to_netcdf(scene.with_name("wind.nc"))  # fmt: skip
+    text = SCENE.replace("velocity = [8.0, -4.0]", 'file = "wind.nc"')
+    scene.write_text(text + "start = '2000-01-01'\n")
+    with pytest.raises(InputError) as error:
+        started(scene)
+    assert str(error.value).startswith(f"{scene}: [atmosphere] wind.nc: ")
 
 
 @pytest.mark.parametrize("config", ["", "no-such-scene", "none.toml"])
