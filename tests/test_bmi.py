@@ -306,6 +306,26 @@ def test_an_update_whose_checkpoint_fails_leaves_everything_as_it_was(
     assert same(everything(component), everything(restored))
 
 
+@pytest.mark.parametrize("of_host", [False, True])
+def test_a_restart_with_another_slope_has_that_of_its_scene_unless_a_host_set_it(
+    scene: Path, of_host: bool
+) -> None:
+    file, state = scene.parent / "bmi.toml", scene.parent / "state.nc"
+
+    def sloping(slope: float, restart: str = "") -> FloeBmi:
+        changes = f"['tilt.slope=[{slope},0]', 'coriolis.parameter={slope}', 'coriolis.field=true']"
+        file.write_text(f'[bmi]\nscene = "{scene.name}"\nset = {changes}\n{restart}')
+        return started(file)
+
+    first = sloping(1e-6)
+    if of_host:
+        first.set_value("sea_water_surface__x_derivative_of_elevation", np.full(12, 3e-6))
+    first.save_state(state)
+    ocean = sloping(2e-6, 'restart = "state.nc"\n').model.ocean
+    expected = (3e-6, 1e-6) if of_host else (2e-6, 2e-6)
+    assert (ocean.tilt_x == expected[0]).all() and (ocean.coriolis == expected[1]).all()
+
+
 def test_what_is_no_name_or_number_of_a_grid_is_refused(scene: Path) -> None:
     component = started(scene)
     for wrong in (["name"], {}, None, 3.5):
