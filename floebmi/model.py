@@ -695,8 +695,8 @@ class Model:
         """Restore the state of a model of the same scene; the run then continues with the same bits.
 
         Domain, grids with their dry cells, coast, and the kinds of laws, walls and inflows must be those of that model;
-        drag, forcing, step (of the same kind of scheme) and threads may differ.  A different number of a contact law, of Coriolis, the density of the ice,
-        the load of a wall or an inflow starts a branch of the run, with a warning.
+        drag, forcing, step (of the same kind of scheme) and threads may differ.  A different number of a contact law, of
+        Coriolis, the density of the ice, the load of a wall or an inflow starts a branch of the run, with a warning.
 
         Raises
         ------

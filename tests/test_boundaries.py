@@ -324,7 +324,7 @@ def test_a_restart_goes_on_with_other_measured_radii_of_an_inflow_and_tells_it_i
     first.advance(30.0)
     other = make(*np.linspace(5.0, 6.0, 90))
     with pytest.warns(
-        UserWarning, match=r"\[inflow\] 0.sizes.radii are others than the restart's"
+        UserWarning, match=r"\[inflow number 1\] sizes.radii are others than the restart's"
     ) as told:
         other.restore(first.state())
     assert max(len(str(warning.message)) for warning in told) < 200
