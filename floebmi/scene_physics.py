@@ -193,7 +193,7 @@ class CoriolisTable(Table):
     )
     field: bool = Field(
         False,
-        description="let a host set a Coriolis parameter for each cell; until it does, parameter or latitude holds everywhere",
+        description="let a host set a Coriolis parameter for each cell; until it does, parameter or latitude holds in every cell",
     )
 
     @model_validator(mode="after")
