@@ -282,7 +282,7 @@ class Model:
             # no larger overlap than a run may leave
             refuse_over_walls(walls, floes, domain, "after a restart", allowed=1.0)
             if self.contact is not None and self.contact.failure is None:
-                refuse_overlaps(floes, domain, "after a restart", allowed=1.0)
+                refuse_overlaps(floes, domain, "after a restart", allowed=1.0, moved=True)
         elif not floes.same(accepted, ("x", "y", "radius", "active")):
             if self.contact is not None:
                 refuse_overlaps(floes, domain, "after an edit", accepted)

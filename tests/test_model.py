@@ -23,7 +23,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import COAST, FIXED, FIXED_X, Floes
+from floebmi.floes import COAST, DRIVEN, FIXED, FIXED_X, Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     AirDrag,
@@ -200,6 +200,20 @@ def test_a_restart_with_a_floe_on_another_is_refused_with_both():
     state["floes_x"] = np.array([0.0, 5.0])
     model.restore(state)
     with pytest.raises(InputError, match="after a restart .* floes 0 and 1 by 15 m"):
+        model.advance(1.0)
+
+
+def test_a_restart_while_driven_floes_pass_through_each_other_goes_on():
+    """It had been refused, though a run goes on."""
+    model = two_apart()
+    model.floes.motion[:] = DRIVEN
+    state = model.state()
+    state["floes_x"] = np.array([0.0, 5.0])
+    model.restore(state)
+    model._refuse_edits()  # as the next advance does
+    model.floes.motion[0] = 0
+    model.restore(model.state() | {"floes_x": np.array([0.0, 4.0])})
+    with pytest.raises(InputError, match="after a restart .* floes 0 and 1 by 16 m"):
         model.advance(1.0)
 
 
