@@ -573,9 +573,11 @@ def test_the_state_of_walls_at_other_places_is_refused():
 
     state = scene(Wall("west", 10.0)).state()
     scene(Wall("west", 10.0)).restore(state)
-    with pytest.raises(InputError, match=r"\[walls\] 0.position = 15.0, the restart's is 10.0"):
+    with pytest.raises(
+        InputError, match=r"\[walls number 1\] position = 15.0, the restart's is 10.0"
+    ):
         scene(Wall("west", 15.0)).restore(state)
-    with pytest.raises(InputError, match=r"\[walls\] 0.edge = south, the restart's is west"):
+    with pytest.raises(InputError, match=r"\[walls number 1\] edge = south, the restart's is west"):
         scene(Wall("south", 10.0)).restore(state)
 
 
