@@ -487,15 +487,20 @@ def _of_scene(scene: str | Path, cells: Grid) -> Model:
         and water.tilt_x is not None
         and (water.tilt_x.any() or water.tilt_y.any())
     )
-    for name, driven in (
-        ("ocean", read.ocean and (read.ocean.velocity or read.ocean.file)),
-        ("atmosphere", read.atmosphere and (read.atmosphere.velocity or read.atmosphere.file)),
-        ("tilt", tilted),
+    turned = water is not None and water.coriolis is not None and water.coriolis.any()
+    for name, driven, instead in (
+        ("ocean", read.ocean and (read.ocean.velocity or read.ocean.file), "leave them out"),
+        (
+            "atmosphere",
+            read.atmosphere and (read.atmosphere.velocity or read.atmosphere.file),
+            "leave them out",
+        ),
+        ("tilt", tilted, "leave them out"),
+        ("coriolis", turned, "give parameter = 0, or leave field out"),
     ):
         if driven:
             raise InputError(
-                f"{read.file}: [{name}] has numbers of its own; here they come from the grid's fields: leave"
-                " them out"
+                f"{read.file}: [{name}] has numbers of its own; here they come from the grid's fields: {instead}"
             )
     made = Model(
         model.domain, model.floes, model.contact, model.forces, _without(cells, own.land, model.domain), model.walls,

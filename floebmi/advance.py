@@ -290,7 +290,10 @@ class Advance:
         """Deactivate floes beyond an inactive edge, and add new ones from the feeders; returns the numbers of both."""
         gone = leaving(self.floes, self.domain)
         self.floes.active[gone] = False
-        added = [feeder.feed(self.floes, self.state.rng) for feeder in self.state.feeders]
+        added = [
+            feeder.feed(self.floes, self.state.walls, self.state.rng)
+            for feeder in self.state.feeders
+        ]
         return gone, np.concatenate(added) if added else np.empty(0, np.int64)
 
     def _list_with(self, gone: np.ndarray, new: np.ndarray) -> None:

@@ -52,7 +52,8 @@ def scene_of(model: "Model") -> str:
     for k, wall in enumerate(model.walls):
         rows += _named(f"walls.{k}", wall)
     for k, inflow in enumerate(model.inflow):
-        rows += [(f"inflow.{k}.edge", inflow.edge), *_named(f"inflow.{k}.sizes", inflow.sizes)]
+        for name in ("edge", "sizes", "thickness", "velocity", "span"):
+            rows += _named(f"inflow.{k}.{name}", getattr(inflow, name))
     return json.dumps(dict(rows))
 
 
@@ -72,6 +73,13 @@ def refuse_unlike(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[st
             "run the scene again from its start"
         )
     odd = set(theirs) ^ expected
+    if odd == {"previous"}:
+        here, there = "the paper's", "verlet"
+        if "previous" in theirs:
+            here, there = there, here
+        raise InputError(
+            f"restart: [step] scheme is {here}, the restart's is {there}; must be verlet in both or in neither"
+        )
     for table, field in (("ocean", "ocean_u"), ("tilt", "ocean_tilt_x")):
         if field in odd and odd <= _OCEAN:  # else a law of the user's own reads more of the ocean
             here, there = ("given", "none") if field in expected else ("none", "given")
@@ -136,7 +144,11 @@ def _refuse_other_scene(mine: Mapping[str, object], theirs: Mapping[str, object]
             values = " are others than the restart's"
         else:
             values = f" = {_text(here)}, the restart's is {_text(there)}"
-        words = f"[{table}]{key and f' {key}'}{values}"
+        number, _, of_one = key.partition(".")
+        if number.isdecimal():  # of a list of tables
+            words = f"[{table} number {int(number) + 1}]{of_one and f' {of_one}'}{values}"
+        else:
+            words = f"[{table}]{key and f' {key}'}{values}"
         places = key.endswith(".position")  # of a wall: its position is in the state
         if table in _LAWS and _is_number(here) and _is_number(there) and not places:
             branched.append(words)

@@ -55,8 +55,10 @@ class Running:
         self.of_scene = {name: source for name, source in found.items() if source is not None}
         self.sources: dict[str, VelocitySource] = dict(self.of_scene)  # not replaced by a host
         self.filled: dict[str, np.ndarray] = {}  # last values written by a source, as bits
+        self.lay_out_sea, self.laid = scene.lay_out_sea, self._sea()
         for name in self.sources:
-            self.fill(name, 0.0)
+            with scene.place(name):
+                self.fill(name, 0.0)
         self.layouts = self._lay_out(view.cells == "faces")
         self.rows: dict[str, Variable | Scalar] = {}
         self.values: dict[str, np.ndarray] = {}
@@ -141,11 +143,20 @@ class Running:
             self.sources.pop(name, None)
         if name in self.sources:
             self.sources[name].fill(time, fluid.u, fluid.v)
-            self.filled[name] = _bits(fluid)
+            self.filled[name] = self._velocity(name)
 
     def drives(self, name: str) -> bool:
         """Whether the scene's own source fills a fluid: no host has written there, not even through a pointer."""
-        return name in self.sources and np.array_equal(self.filled[name], _bits(self._fluid(name)))
+        return name in self.sources and np.array_equal(self.filled[name], self._velocity(name))
+
+    def _velocity(self, name: str) -> np.ndarray:
+        fluid = self._fluid(name)
+        return _bits(fluid.u, fluid.v)
+
+    def _sea(self) -> np.ndarray:
+        """Slope of the sea and Coriolis parameter, which a scene lays out once and a host may set, as bits."""
+        fields = {} if self.model.ocean is None else self.model.ocean.fields
+        return _bits(*(values for name, values in fields.items() if name not in ("u", "v")))
 
     def taken_over(self, row: Variable) -> None:
         """Note that a host has set this variable."""
@@ -267,7 +278,10 @@ class Running:
         state = {
             "model": self.model.state(),
             "mean": self._means() | means,
-            "driven_by_scene": {name: self.drives(name) for name in ("ocean", "atmosphere")},
+            "driven_by_scene": {
+                **{name: self.drives(name) for name in ("ocean", "atmosphere")},
+                "sea": np.array_equal(self._sea(), self.laid),
+            },
         }
         date = {} if self.start is None else {"start": self.start, "calendar": self.calendar}
         save_restart(path, state, {"time": self.model.time} | date)
@@ -289,7 +303,9 @@ class Running:
                 for name, source in self.of_scene.items()
                 if state["driven_by_scene"][name]
             }
-            self.filled = {name: _bits(self._fluid(name)) for name in self.sources}
+            self.filled = {name: self._velocity(name) for name in self.sources}
+            if state["driven_by_scene"].get("sea"):  # older states do not tell
+                self.lay_out_sea(self.model)
             self.show(state["mean"])
 
     @contextmanager
@@ -331,6 +347,6 @@ def _is_mean(row: Variable | Scalar) -> bool:
     return isinstance(row, Variable) and row.intent == "out" and "time: mean" in row.mean
 
 
-def _bits(fluid: "Fluid") -> np.ndarray:
-    """Both velocity components as bits, so that NaN in dry cells equals itself."""
-    return np.concatenate([fluid.u, fluid.v]).view(np.int64)
+def _bits(*fields: np.ndarray) -> np.ndarray:
+    """Fields as bits, so that NaN in dry cells equals itself."""
+    return np.concatenate([np.empty(0), *fields]).view(np.int64)

@@ -342,13 +342,16 @@ class Feeder:
         self.seamless = self.domain.period[1 - self.axis] == self.span[1] - self.span[0]
         self.waiting: float | None = None  # radius of the floe that found no room yet
 
-    def feed(self, floes: Floes, rng: np.random.Generator) -> np.ndarray:
-        """Add floes until the next one finds no room; returns the numbers of the new floes."""
+    def feed(self, floes: Floes, walls: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Add floes until the next one finds no room; returns the numbers of the new floes.
+
+        walls : records of dtype `WALL`, where they are now
+        """
         added = []
         while True:
             if self.waiting is None:
                 self.waiting = float(self.inflow.sizes.draw(1, rng)[0])
-            place = self._room(floes, self.waiting, rng)
+            place = self._room(floes, walls, self.waiting, rng)
             if place is None:
                 return np.concatenate(added) if added else np.empty(0, np.int64)
             u, v = self.inflow.velocity
@@ -360,16 +363,14 @@ class Feeder:
         return self.domain.position(self.inflow.edge) + _SIDE[self.inflow.edge] * depth
 
     def _room(
-        self, floes: Floes, radius: float, rng: np.random.Generator
+        self, floes: Floes, walls: np.ndarray, radius: float, rng: np.random.Generator
     ) -> tuple[float, float] | None:
         """A random free place for a disc that touches the edge from inside, if there is one."""
         across = self.across(radius)
         other, along = (floes.x, floes.y) if self.axis == 0 else (floes.y, floes.x)
-        # a floe may lie across a seam, but not over an end
-        within = 0.0 if self.seamless else radius
         begin, end = _free(
-            other - across, along, floes.radius + radius, floes.active, self.span[0] + within,
-            self.span[1] - within, self.domain.period[1 - self.axis] or np.inf,
+            other - across, along, floes.radius + radius, floes.active,
+            *self._stretch(walls, radius), self.domain.period[1 - self.axis] or np.inf,
         )  # fmt: skip
         lengths = end - begin
         if not lengths.sum() > 0:
@@ -381,6 +382,22 @@ class Feeder:
                 return (across, place) if self.axis == 0 else (place, across)
             spot -= length
         return None
+
+    def _stretch(self, walls: np.ndarray, radius: float) -> tuple[float, float]:
+        """The lowest and the highest place of a new disc along the edge, between walls; without room the lowest is higher."""
+        # a floe may lie across a seam, but not over an end
+        within = 0.0 if self.seamless else radius
+        low, high = self.span[0] + within, self.span[1] - within
+        for wall in walls:
+            axis, side = int(wall["axis"]), wall["side"]
+            touching = wall["position"] + self.domain.origin[axis] + side * radius
+            if axis != self.axis and side > 0.0:
+                low = max(low, touching)
+            elif axis != self.axis:
+                high = min(high, touching)
+            elif side != _SIDE[self.inflow.edge] and side * (self.across(radius) - touching) < 0.0:
+                return np.inf, -np.inf  # the wall opposite has come as far as the edge
+        return low, high
 
 
 def _free(

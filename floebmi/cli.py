@@ -232,10 +232,6 @@ class _Targets(NamedTuple):
 def _targets(scene: "Scene", folder: Path) -> _Targets:
     """What a run of a scene writes into a folder."""
     output = scene.output
-    if output.gridded and scene.grid is None:
-        raise InputError(f"{scene.file}: [output] gridded = true: needs a [grid]")
-    if output.paraview and not output.trajectories:
-        raise InputError(f"{scene.file}: [output] paraview = true: needs trajectories = true")
     gridded = scene.grid is not None if output.gridded is None else output.gridded
     return _Targets(
         gridded=folder / "gridded.nc" if gridded else None,

@@ -9,7 +9,7 @@ from floebmi import calibration
 from floebmi.boundaries import EDGES
 from floebmi.contact import turns
 from floebmi.floes import FIXED
-from floebmi.forces import AirDrag, Coriolis, CoriolisField, GeostrophicTilt, OceanDrag
+from floebmi.forces import AirDrag, Coriolis, CoriolisField, GeostrophicTilt, OceanDrag, Tilt
 from floebmi.running import duration_text
 from floebmi.sampling import floe_weights, without_cell
 from floebmi.scene_physics import EARTH_ROTATION
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 SPEED = {"free drift": 60e6, "cohesive": 45e6, "frictional": 40e6}
 DRAG_SLOWS = 0.7  # with drag of ocean and air
 USUAL_DRAG = (1e-3, 1e-2)  # bulk coefficients that observations give [1]
+OF_OCEAN = {  # what acts only where there are wet cells of the ocean
+    OceanDrag: "ocean drag", CoriolisField: "Coriolis force", Tilt: "tilt", GeostrophicTilt: "tilt",
+}  # fmt: skip
 
 
 def explain(scene: "Scene", built: "Built") -> str:
@@ -48,12 +51,12 @@ def explain(scene: "Scene", built: "Built") -> str:
 
 
 def notes(model: "Model") -> list[str]:
-    """Lines on what a modeller may not expect: a coast that stops no floe; a Coriolis parameter of another planet; a
-    drag coefficient, taken on the floes' area, that is unusual; floes without drag over dry cells; a grid that leaves a part of the domain out."""
+    """Lines on what a modeller may not expect: a coast that stops no floe; a Coriolis parameter of another planet; a drag
+    coefficient, taken on the floes' area, that is unusual; floes over dry cells, without drag, tilt and a Coriolis force by
+    cell; a grid that leaves a part of the domain out."""
     lines = []
     if model.contact is None and model.floes.land.any():
         lines.append("without [contact] the coast stops no floe: ice drifts over land")
-    grids: dict[int, tuple[Grid, list[str]]] = {}  # by their nodes: ocean and air may share them
     for force in model.forces:
         if isinstance(force, Coriolis) and abs(force.parameter) > 2 * EARTH_ROTATION:
             lines.append(
@@ -62,30 +65,37 @@ def notes(model: "Model") -> list[str]:
             )
         if not isinstance(force, OceanDrag | AirDrag):
             continue
-        if isinstance(force, OceanDrag):
-            name, table, fluid = "ocean", "ocean", model.ocean
-        else:
-            name, table, fluid = "air", "atmosphere", model.atmosphere
+        name, table = ("ocean", "ocean") if isinstance(force, OceanDrag) else ("air", "atmosphere")
         low, high = model.bulk_range(force)
         if high and (low < USUAL_DRAG[0] or high > USUAL_DRAG[1]):
             lines.append(
                 f"{name} drag on these floes is that of C_d = {low:.2g} to {high:.2g} on their area, "
                 f"outside {USUAL_DRAG[0]:g} to {USUAL_DRAG[1]:g}; [{table}] drag sets it"
             )
+    grids: dict[int, tuple[Grid, list[str], list[str]]] = {}  # by nodes, which fluids may share
+    for name, fluid, forces in (
+        ("ocean", model.ocean, OF_OCEAN),
+        ("air", model.atmosphere, {AirDrag: "air drag"}),
+    ):
+        read = [forces[type(force)] for force in model.forces if type(force) in forces]
+        if fluid is None or not read:
+            continue
         over, free = _over_dry_cells(fluid.grid, model)
         coast = model.floes.land.any()
         if over or not (coast or fluid.grid.wet.all()):
             lines.append(
-                f"a floe over dry cells alone has no {name} drag ({over} of {free} floes now)"
+                f"a floe over dry cells alone has no {' or '.join(read)} ({over} of {free} floes now)"
                 + ("" if coast else "; no [coast] keeps floes off them")
             )
-        grids.setdefault(id(fluid.grid.node_x), (fluid.grid, []))[1].append(name)
-    for grid, names in grids.values():
+        _, names, lost = grids.setdefault(id(fluid.grid.node_x), (fluid.grid, [], []))
+        names.append(name)
+        lost += read
+    for grid, names, lost in grids.values():
         out = _left_out(grid, model.domain)
         if out:
             lines.append(
                 f"about {100 * out:.3g} % of the domain lies outside the cells of the {' and the '.join(names)}: floes have"
-                f" no {' or '.join(names)} drag there, and are in no field; a [grid] that covers [domain] has none"
+                f" no {' or '.join(lost)} there, and are in no field; a [grid] that covers [domain] has none"
                 " of that"
             )
     return lines

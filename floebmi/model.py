@@ -281,7 +281,7 @@ class Model:
             # no larger overlap than a run may leave
             refuse_over_walls(walls, floes, domain, "after a restart", allowed=1.0)
             if self.contact is not None and self.contact.failure is None:
-                refuse_overlaps(floes, domain, "after a restart", allowed=1.0)
+                refuse_overlaps(floes, domain, "after a restart", allowed=1.0, moved=True)
         elif not floes.same(accepted, ("x", "y", "radius", "active")):
             if self.contact is not None:
                 refuse_overlaps(floes, domain, "after an edit", accepted)
@@ -693,8 +693,8 @@ class Model:
         """Restore the state of a model of the same scene; the run then continues with the same bits.
 
         Domain, grids with their dry cells, coast, and the kinds of laws, walls and inflows must be those of that model;
-        drag, forcing, step and threads may differ.  A different number of a contact law, of Coriolis, the density of the ice,
-        the load of a wall or an inflow starts a branch of the run, with a warning.
+        drag, forcing, step (of the same kind of scheme) and threads may differ.  A different number of a contact law, of
+        Coriolis, the density of the ice, the load of a wall or an inflow starts a branch of the run, with a warning.
 
         Raises
         ------

@@ -107,8 +107,15 @@ class Output(Table):
         description="write fields on the grid as NetCDF; default: true if there is a [grid]",
     )
     trajectories: bool = Field(True, description="write the floes' trajectories as NetCDF")
-    picture: bool = Field(True, description="draw the last frame as PNG")
+    picture: bool = Field(True, description="draw the last frame of the trajectories as PNG")
     paraview: bool = Field(False, description="write ParaView files of all frames")
+
+    @model_validator(mode="after")
+    def _made_from_trajectories(self) -> Self:
+        for name in ("picture", "paraview"):
+            if name in self.model_fields_set and getattr(self, name) and not self.trajectories:
+                raise InputError(f"{name} = true: needs trajectories = true")
+        return self
 
 
 class Schedule(NamedTuple):
@@ -179,6 +186,12 @@ class Scene(Table):
     step: StepTable = Field(StepTable(), description="time step and integration scheme")
     time: Time = Field(Time(), description="start, duration and exchange interval")
     output: Output = Field(Output(), description="files that a run writes")
+
+    @model_validator(mode="after")
+    def _fields_have_a_grid(self) -> Self:
+        if self.output.gridded and self.grid is None:
+            raise InputError("[output] gridded = true: needs a [grid]")
+        return self
 
     _file: Path = PrivateAttr(default=Path("scene"))
     _text: str = PrivateAttr(default="")
@@ -261,7 +274,8 @@ class Scene(Table):
 
         sea, wind_grid = self._sea()
         floes = self._floes(sea)
-        forces = self.forces()
+        with self.place("tilt"):  # the only force that may lack another table
+            forces = self.forces()
         with self.place(""):
             model = Model(
                 sea.domain,

@@ -193,7 +193,7 @@ class CoriolisTable(Table):
     )
     field: bool = Field(
         False,
-        description="let a host set a Coriolis parameter for each cell; until it does, parameter or latitude holds everywhere",
+        description="let a host set a Coriolis parameter for each cell; until it does, parameter or latitude holds in every cell",
     )
 
     @model_validator(mode="after")
@@ -263,4 +263,9 @@ class Ice(Table):
         water = [law.density for law in forces if isinstance(law, OceanDrag)]
         if not water:
             raise InputError("[ice] draft = 'hydrostatic': needs [ocean], whose density sets it")
+        if self.density > water[0]:
+            raise InputError(
+                f"[ice] density = {self.density:g}: sinks in water of [ocean] drag, of density {water[0]:g};"
+                " draft = 'hydrostatic' needs ice that floats"
+            )
         return self.density / water[0]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 
 from floebmi import FloeBmi, Grid, InputError, StabilityError, bmi, running
@@ -305,6 +306,26 @@ def test_an_update_whose_checkpoint_fails_leaves_everything_as_it_was(
     assert same(everything(component), everything(restored))
 
 
+@pytest.mark.parametrize("of_host", [False, True])
+def test_a_restart_with_another_slope_has_that_of_its_scene_unless_a_host_set_it(
+    scene: Path, of_host: bool
+) -> None:
+    file, state = scene.parent / "bmi.toml", scene.parent / "state.nc"
+
+    def sloping(slope: float, restart: str = "") -> FloeBmi:
+        changes = f"['tilt.slope=[{slope},0]', 'coriolis.parameter={slope}', 'coriolis.field=true']"
+        file.write_text(f'[bmi]\nscene = "{scene.name}"\nset = {changes}\n{restart}')
+        return started(file)
+
+    first = sloping(1e-6)
+    if of_host:
+        first.set_value("sea_water_surface__x_derivative_of_elevation", np.full(12, 3e-6))
+    first.save_state(state)
+    ocean = sloping(2e-6, 'restart = "state.nc"\n').model.ocean
+    expected = (3e-6, 1e-6) if of_host else (2e-6, 2e-6)
+    assert (ocean.tilt_x == expected[0]).all() and (ocean.coriolis == expected[1]).all()
+
+
 def test_what_is_no_name_or_number_of_a_grid_is_refused(scene: Path) -> None:
     component = started(scene)
     for wrong in (["name"], {}, None, 3.5):
@@ -361,6 +382,26 @@ def test_a_wrong_configuration_is_one_line_and_leaves_the_component_free(
     assert "\n" not in str(error.value)
     assert all(word in str(error.value) for word in words), str(error.value)
     component.initialize(str(scene))
+
+
+def test_forcing_that_does_not_reach_time_0_is_refused_with_file_and_table(scene: Path) -> None:
+    at = (
+        {"standard_name": "x_wind", "units": "m s-1"},
+        {"standard_name": "y_wind", "units": "m s-1"},
+    )
+    place = {"units": "m"}
+    xr.Dataset(
+        {name: (("time", "y", "x"), np.ones((2, 2, 2)), one) for name, one in zip("uv", at, strict=True)},
+        {
+            "time": np.array(["2001-01-01", "2001-01-02"], "M8[ns]"),
+            "y": ("y", [-1e6, 1e6], place), "x": ("x", [-1e6, 1e6], place),
+        },
+    ).to_netcdf(scene.with_name("wind.nc"))  # fmt: skip
+    text = SCENE.replace("velocity = [8.0, -4.0]", 'file = "wind.nc"')
+    scene.write_text(text + "start = '2000-01-01'\n")
+    with pytest.raises(InputError) as error:
+        started(scene)
+    assert str(error.value).startswith(f"{scene}: [atmosphere] wind.nc: ")
 
 
 @pytest.mark.parametrize("config", ["", "no-such-scene", "none.toml"])

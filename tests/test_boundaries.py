@@ -190,17 +190,38 @@ def test_an_inflow_sees_the_floes_across_a_periodic_seam():
             assert len(model.floes) > 3 and len(model.contacts().i) == 0
 
 
+NO_WALLS = np.zeros(0, WALL)
+
+
 def test_floes_come_in_within_the_span_as_they_are_told():
     box = Domain((0.0, 100.0), (0.0, 80.0))
     inflow = Inflow("west", SingleSize(5.0), 2.0, (0.1, -0.2), span=(20.0, 60.0))
     places = []
     for seed in range(20):
         floes = Floes(50.0, 40.0, 5.0, 1.0)
-        new = Feeder(inflow, box).feed(floes, np.random.default_rng(seed))
+        new = Feeder(inflow, box).feed(floes, NO_WALLS, np.random.default_rng(seed))
         places += floes.y[new].tolist()
         assert (floes.x[new] == 5.0).all() and (floes.thickness[new] == 2.0).all()
         assert (floes.u[new] == 0.1).all() and (floes.v[new] == -0.2).all()
     assert 25.0 <= min(places) < 26.0 and 54.0 < max(places) <= 55.0
+
+
+def test_floes_come_in_between_the_walls_where_they_are_now():
+    """They had come in over and behind walls at the ends of the edge, and over one opposite, with energy from nowhere."""
+    box = Domain((1000.0, 1100.0), (1000.0, 1080.0), south="closed")
+    inflow = Inflow("west", SingleSize(5.0))
+
+    def places(*walls):
+        none = Floes([], [], [], [])
+        for seed in range(20):
+            floes = Floes([], [], [], [])
+            records = build_walls(box, walls, none, 934.0, 2e7)
+            Feeder(inflow, box).feed(floes, records, np.random.default_rng(seed))
+            yield from floes.y
+
+    between = list(places(Wall("north", 1040.0), Wall("east", 1010.0)))
+    assert 1005.0 <= min(between) < 1006.0 and 1034.0 < max(between) <= 1035.0
+    assert not list(places(Wall("north", 1009.9))) and not list(places(Wall("east", 1009.9)))
 
 
 def test_floes_come_in_across_the_seam_of_a_periodic_edge_as_anywhere_else():
@@ -210,14 +231,14 @@ def test_floes_come_in_across_the_seam_of_a_periodic_edge_as_anywhere_else():
     places = []
     for seed in range(200):
         floes = Floes([], [], [], [])
-        Feeder(inflow, box).feed(floes, np.random.default_rng(seed))
+        Feeder(inflow, box).feed(floes, NO_WALLS, np.random.default_rng(seed))
         assert not overlapping(floes, box)
         places += floes.y.tolist()
     away = np.minimum(places, 80.0 - np.array(places))  # from the seam
     assert 0.8 < np.mean(away < 5.0) / (10.0 / 80.0) < 1.2
     part = Inflow("west", SingleSize(5.0), span=(0.0, 70.0))  # has two ends
     floes = Floes([], [], [], [])
-    Feeder(part, box).feed(floes, np.random.default_rng(1))
+    Feeder(part, box).feed(floes, NO_WALLS, np.random.default_rng(1))
     assert floes.y.min() >= 5.0 and floes.y.max() <= 65.0
 
 
@@ -331,7 +352,7 @@ def test_a_restart_goes_on_with_other_measured_radii_of_an_inflow_and_tells_it_i
     first.advance(30.0)
     other = make(*np.linspace(5.0, 6.0, 90))
     with pytest.warns(
-        UserWarning, match=r"\[inflow\] 0.sizes.radii are others than the restart's"
+        UserWarning, match=r"\[inflow number 1\] sizes.radii are others than the restart's"
     ) as told:
         other.restore(first.state())
     assert max(len(str(warning.message)) for warning in told) < 200
@@ -559,9 +580,11 @@ def test_the_state_of_walls_at_other_places_is_refused():
 
     state = scene(Wall("west", 10.0)).state()
     scene(Wall("west", 10.0)).restore(state)
-    with pytest.raises(InputError, match=r"\[walls\] 0.position = 15.0, the restart's is 10.0"):
+    with pytest.raises(
+        InputError, match=r"\[walls number 1\] position = 15.0, the restart's is 10.0"
+    ):
         scene(Wall("west", 15.0)).restore(state)
-    with pytest.raises(InputError, match=r"\[walls\] 0.edge = south, the restart's is west"):
+    with pytest.raises(InputError, match=r"\[walls number 1\] edge = south, the restart's is west"):
         scene(Wall("south", 10.0)).restore(state)
 
 

@@ -636,6 +636,16 @@ def test_a_grid_that_leaves_a_part_of_the_domain_out_is_told_of(cli, tmp_path, e
     assert (f"about {share} {told}" in notes) if share else (told not in notes)
 
 
+def test_tilt_and_coriolis_force_by_cell_are_noted_where_there_are_no_cells(cli, tmp_path):
+    """They had been lost there in silence, in a scene without drag."""
+    (tmp_path / "scene.toml").write_text(
+        "[domain]\nx = [0, 1e3]\ny = [0, 1e3]\n[grid]\nshape = [4, 3]\nx = [0, 500]\n"
+        "[coriolis]\nlatitude = 70\nfield = true\n[tilt]\nslope = [1e-6, 0]\n"
+    )
+    notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
+    assert "the cells of the ocean: floes have no Coriolis force or tilt there" in notes
+
+
 @pytest.mark.parametrize(
     ("more", "times"),
     [
@@ -651,7 +661,7 @@ def test_ocean_and_air_on_one_grid_are_noted_once(cli, tmp_path, more, times):
         "[ocean]\nvelocity = [0.1, 0]\n[atmosphere]\nvelocity = [5, 0]\n" + more
     )
     notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
-    both = "outside the cells of the ocean and the air: floes have no ocean or air drag there"
+    both = "outside the cells of the ocean and the air: floes have no ocean drag or air drag there"
     assert notes.count("outside the cells") == times and (both in notes) == (times == 1)
 
 

@@ -452,9 +452,10 @@ def test_a_scene_keeps_what_it_says_but_for_the_cells(tmp_path):
         ("[ocean]\nvelocity = [0.1, 0.0]", "ocean"),
         ("[ocean]\n[atmosphere]\nvelocity = [5.0, 0.0]", "atmosphere"),
         ("[ocean]\n[tilt]\nslope = [1e-6, 0.0]", "tilt"),
+        ("[ocean]\n[coriolis]\nlatitude = 75\nfield = true", "coriolis"),
     ],
 )
-def test_a_scene_whose_water_or_wind_has_numbers_of_its_own_is_refused(tmp_path, table, name):
+def test_a_scene_whose_fields_have_numbers_of_their_own_is_refused(tmp_path, table, name):
     path = tmp_path / "own.toml"
     path.write_text(f"[domain]\nx = [500, 10500]\ny = [500, 10500]\n{table}\n")
     with pytest.raises(InputError, match=rf"\[{name}\] has numbers of its own"):

@@ -23,7 +23,7 @@ from floebmi.contact import (
 )
 from floebmi.dynamics import Step
 from floebmi.errors import InputError, StabilityError
-from floebmi.floes import COAST, FIXED, FIXED_X, Floes
+from floebmi.floes import COAST, DRIVEN, FIXED, FIXED_X, Floes
 from floebmi.forces import (
     FORCE_BUFFER,
     AirDrag,
@@ -203,6 +203,20 @@ def test_a_restart_with_a_floe_on_another_is_refused_with_both():
         model.advance(1.0)
 
 
+def test_a_restart_while_driven_floes_pass_through_each_other_goes_on():
+    """It had been refused, though a run goes on."""
+    model = two_apart()
+    model.floes.motion[:] = DRIVEN
+    state = model.state()
+    state["floes_x"] = np.array([0.0, 5.0])
+    model.restore(state)
+    model._refuse_edits()  # as the next advance does
+    model.floes.motion[0] = 0
+    model.restore(model.state() | {"floes_x": np.array([0.0, 4.0])})
+    with pytest.raises(InputError, match="after a restart .* floes 0 and 1 by 16 m"):
+        model.advance(1.0)
+
+
 @pytest.mark.parametrize(
     "duration", [-1.0, np.nan, np.inf, "10", None, [10.0], np.ones(2), True, 1j], ids=repr
 )
@@ -344,8 +358,9 @@ def scene_of_a_restart(**other):
         ({"forces": [OceanDrag(), AirDrag()]}, "[coriolis] = none, the restart's is Coriolis"),
         ({"forces": [OceanDrag(), AirDrag(), Coriolis(1e-4), Tilt()]}, "[tilt] is given, the restart's is none; must be the same"),
         ({"forces": [AirDrag(), Coriolis(1e-4)]}, "[ocean] is none, the restart's is given; must be the same"),
-        ({"walls": []}, "[walls] 0 = none, the restart's is Wall"),
-        ({"inflow": Inflow("south", SingleSize(3.0))}, "[inflow] 0.edge = south, the restart's is none"),
+        ({"walls": []}, "[walls number 1] = none, the restart's is Wall"),
+        ({"inflow": Inflow("south", SingleSize(3.0))}, "[inflow number 1] edge = south, the restart's is none"),
+        ({"step": Step("taylor3")}, "[step] scheme is the paper's, the restart's is verlet; must be verlet in both or in neither"),
         ({"bare": True}, "[coast] has 0 pieces, the restart's 2; must be the same land and radius"),
         ({"radius": 6.0}, "[coast] has a piece of radius 6 m, the restart's is 5 m"),
         ({"hard": 4.0}, "[coast] has a piece of thickness 4 m, the restart's is 3 m"),
@@ -366,7 +381,7 @@ def test_a_state_of_another_scene_is_refused_with_table_and_key(other, said):
         ({"contact": Contact(Elastic(1e7), Coulomb(0.3))}, "[contact] elastic.youngs_modulus = 10000000.0, the restart's is 20000000.0"),
         ({"forces": [OceanDrag(), AirDrag(), Coriolis(1.2e-4)]}, "[coriolis] parameter = 0.00012, the restart's is 0.0001"),
         ({"ice_density": 900.0}, "[ice] density = 900.0, the restart's is 934.0"),
-        ({"walls": [Wall("south", velocity=-0.02)]}, "[walls] 0.velocity = -0.02, the restart's is -0.01"),
+        ({"walls": [Wall("south", velocity=-0.02)]}, "[walls number 1] velocity = -0.02, the restart's is -0.01"),
     ],
 )  # fmt: skip
 def test_another_number_of_a_law_branches_a_run_off_with_a_warning(other, said):
@@ -379,6 +394,25 @@ def test_another_number_of_a_law_branches_a_run_off_with_a_warning(other, said):
     model.advance(1.0)
     for quantity in ("mass", "momentum_x", "momentum_y", "energy"):
         assert model.ledger.balance(quantity).relative < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"thickness": 2.0}, "thickness = 2.0, the restart's is 1.0"),
+        ({"velocity": (0.0, 0.5)}, "velocity = [0.0, 0.5], the restart's is [0.0, 0.0]"),
+        ({"span": (-50.0, 50.0)}, "span = [-50.0, 50.0], the restart's is none"),
+    ],
+)
+def test_another_number_of_an_inflow_is_told_in_a_restart(other, said):
+    inflow = Inflow("south", SingleSize(3.0))
+    parts = dict(domain=DOMAIN, walls=[], contact=None)
+    first, model = (
+        scene_of_a_restart(inflow=one, **parts) for one in (inflow, inflow._replace(**other))
+    )
+    with pytest.warns(UserWarning) as told:
+        model.restore(first.state())
+    assert [str(one.message) for one in told] == [f"restart: goes on with [inflow number 1] {said}"]
 
 
 def test_a_state_may_go_on_with_other_drag_steps_and_threads_and_in_files_of_before():

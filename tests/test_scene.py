@@ -163,7 +163,17 @@ def test_an_override_that_is_no_assignment_is_refused(two, override):
         ("[floes]\nsize = 5", "[floes] size = 5: must be a table of keys"),
         ("[tilt]\nslope = [1]", "[tilt] slope = [1]: must be a list of 2 entries"),
         ("[ice]\ndraft = 'hydrostatic'", "[ice] draft = 'hydrostatic': needs [ocean]"),
+        (
+            "[ice]\ndraft = 'hydrostatic'\ndensity = 1100\n[ocean]\n[grid]\nspacing = 1",
+            "[ice] density = 1100: sinks in water of [ocean] drag, of density 1000",
+        ),
         ("[ice]\ndraft = 2", "[ice] draft = 2: "),
+        ("[tilt]\ngeostrophic = true", "[tilt] geostrophic: needs [ocean], and [coriolis]"),
+        ("[output]\ngridded = true", "[output] gridded = true: needs a [grid]"),
+        (
+            "[output]\npicture = true\ntrajectories = false",
+            "[output] picture = true: needs trajectories = true",
+        ),
         ("[grid]\nspacing = 0.3", "[grid] grid: spacing along x = 0.3 does not divide"),
         ("[grid]\nkind = 'curvilinear'\nfile = 'no.nc'", "[grid] file = "),
         ("[coast]\ngeojson = 'no.json'\nradius = 1", "no.json"),
