@@ -274,8 +274,7 @@ class Scene(Table):
 
         sea, wind_grid = self._sea()
         floes = self._floes(sea)
-        with self.place("tilt"):  # the only force that may lack another table
-            forces = self.forces()
+        forces = self.forces()
         with self.place(""):
             model = Model(
                 sea.domain,
