@@ -597,6 +597,21 @@ def test_a_frame_of_a_film_is_the_picture_of_that_frame(run, tmp_path):
         assert differs.mean() < 0.002, k
 
 
+def test_a_gif_of_many_floes_of_one_colour_shows_the_colour_scale_and_rare_colours_too(tmp_path):
+    from PIL import Image
+
+    from floebmi.film import write_gif
+
+    colours = (255 * matplotlib.colormaps["viridis"](np.linspace(0, 1, 400))[:, :3]).astype("u1")
+    shares = np.random.default_rng(1).random((400, 390, 1))  # of fast floes over water, in a pixel
+    floes = shares * colours[-1] + (1 - shares) * np.array([211, 228, 238])
+    picture = np.concatenate([floes.astype("u1"), np.tile(colours[:, None], (1, 10, 1))], axis=1)
+    write_gif(tmp_path / "a.gif", iter([picture]), 12)
+    with Image.open(tmp_path / "a.gif") as film:
+        shown = np.asarray(film.convert("RGB"))
+    assert np.abs(shown.astype(int) - picture).max() < 20
+
+
 def test_gif_has_each_nth_frame(run, tmp_path):
     from PIL import Image
 
