@@ -535,7 +535,7 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
         except OSError:
             # HDF5 locks a file that is being written; a copy of it is not locked
             copy = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.name
-            copy.write_bytes(path.read_bytes())
+            shutil.copyfile(path, copy)
             try:
                 data = stack.enter_context(Dataset(copy))
             except OSError:

@@ -4,10 +4,12 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -542,6 +544,27 @@ def test_a_file_can_be_read_while_it_is_written(tmp_path):
             done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
             assert done.stdout.split() == [str(frames), repr(float(model.floes.x[5]))], done.stderr
             model.advance(10.0)
+
+
+def test_a_file_that_is_being_written_need_not_fit_into_memory(tmp_path, monkeypatch):
+    path, real, size = tmp_path / "a.nc", netCDF4.Dataset, 20_000_000
+    with TrajectoryWriter(path, small_model()) as writer:
+        writer.write(small_model())
+    os.truncate(path, size)  # HDF5 does not mind what comes after its end
+
+    def locked(name):
+        if name == path:
+            raise OSError("HDF error")
+        return real(name)
+
+    monkeypatch.setattr(netCDF4, "Dataset", locked)
+    tracemalloc.start()
+    try:
+        with open_file(path, "trajectories") as data:
+            assert len(data["time"]) == 1
+        assert tracemalloc.get_traced_memory()[1] < 0.5 * size
+    finally:
+        tracemalloc.stop()
 
 
 KILLED = """
