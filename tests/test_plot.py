@@ -597,6 +597,21 @@ def test_a_frame_of_a_film_is_the_picture_of_that_frame(run, tmp_path):
         assert differs.mean() < 0.002, k
 
 
+def test_values_of_each_frame_that_is_shown_are_on_the_colour_scale(tmp_path):
+    """Of a long series only some frames make the scale."""
+    path, fast = tmp_path / "floes.nc", 21
+    model = Model(Domain((0.0, 100.0), (0.0, 100.0)), Floes(50.0, 50.0, 10.0, 1.0))
+    with TrajectoryWriter(path, model) as writer:
+        for k in range(50):
+            model.time, model.floes.u[:] = float(k), 1.0 if k == fast else 0.1
+            writer.write(model)
+    for k, highest in ((fast, 1.0), (fast + 1, 0.1)):
+        _, bar = draw.frame(path, time=k, size=200).axes
+        assert bar.get_ylim() == (0.0, highest)
+    page = draw.page(path, tmp_path / "floes.html").read_text(encoding="utf-8")
+    assert '"low": "0", "high": "1"' in page
+
+
 def test_a_gif_of_many_floes_of_one_colour_shows_the_colour_scale_and_rare_colours_too(tmp_path):
     from PIL import Image
 
