@@ -9,12 +9,11 @@ import argparse
 import resource
 from pathlib import Path
 
-import numpy as np
-
 import floebmi as fb
 from benchmarks.options import picture, run, whole, whole_from
 from benchmarks.packs import cost, scattered
 from floebmi.advance import Advance
+from floebmi.explain import arrays_of
 from floebmi.plot import LINES, graph
 
 FLOES, RATIO, PACKING = 10_000, 2.0, 0.85
@@ -54,29 +53,12 @@ def draw(costs: dict[str, dict[float, float]], to: Path) -> None:
         figure.savefig(to, dpi=130)
 
 
-def arrays_of(thing: object, seen: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
-    """Each array that can be reached from a thing, once; a view counts as the array that it views."""
-    if isinstance(thing, np.ndarray):
-        while isinstance(thing.base, np.ndarray):
-            thing = thing.base
-        seen[id(thing)] = thing
-    elif isinstance(thing, tuple | list):
-        for part in thing:
-            arrays_of(part, seen)
-    elif isinstance(thing, dict):
-        arrays_of(list(thing.values()), seen)
-    elif type(thing).__module__.startswith("floebmi"):
-        names = getattr(thing, "__slots__", None) or vars(thing)  # floes and fluids have slots
-        arrays_of([getattr(thing, name) for name in names], seen)
-    return seen
-
-
 def memory(model: fb.Model) -> tuple[float, float, float]:
     """Bytes per floe, per listed pair, and pairs per floe, in the middle of an advance."""
     now: Advance = model._now()
     n, pairs = len(model.floes), len(now.pairs.i)
-    listed = arrays_of(now.pairs[1:], {})
-    held = arrays_of([model, now], {})
+    listed = arrays_of(now.pairs[1:])
+    held = arrays_of(model, now)
     per_pair = sum(array.nbytes for array in listed.values())
     per_floe = sum(array.nbytes for key, array in held.items() if key not in listed)
     return per_floe / n, per_pair / pairs, pairs / n

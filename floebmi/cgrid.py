@@ -199,6 +199,12 @@ def _beside(field: Field, place: Place, stagger: Stagger, axis: int, files: list
 
     Decided by sizes, else by the positions of the points, else by the names of the dimensions.
     """
+    dim, (own, other) = field.dims[axis].lower(), ("vu", "uv")[axis]
+    if re.search(_dimension_of(other), dim):
+        raise InputError(
+            f"{field.label}: by the names of its dimensions ({', '.join(field.dims)}) it is {other}, but is given as {own}:"
+            " give first u, along the rows, then v"
+        )
     faces, centre = field.shape[axis], place.shape[axis]
     if field.shape[1 - axis] != place.shape[1 - axis] or abs(faces - centre) > 1:
         raise InputError(
@@ -212,8 +218,7 @@ def _beside(field: Field, place: Place, stagger: Stagger, axis: int, files: list
     shift = _shift(field, place, axis, files)
     if shift is not None:
         return _OFFSETS["none" if abs(shift) < 0.25 else "before" if shift < 0 else "after"]
-    dim = field.dims[axis].lower()
-    if re.search(r"^(xi|eta)_[uv]$|grid_[uv](_inner)?$", dim):  # ROMS, NEMO (XIOS)
+    if re.search(_dimension_of(own), dim):
         return _OFFSETS["after"]
     if re.search(r"^[xy]_?g$|^[ij]_g$", dim):  # MITgcm, also as xmitgcm writes it
         return _OFFSETS["before"]
@@ -221,6 +226,11 @@ def _beside(field: Field, place: Place, stagger: Stagger, axis: int, files: list
         f"{field.label}: a staggered grid, but not on which side of the centres its points are; say"
         " stagger = 'before' (MITgcm), 'after' (ROMS, NEMO, Veros) or 'none'"
     )
+
+
+def _dimension_of(component: str) -> str:
+    """Pattern of the names that ROMS and NEMO (XIOS) give the dimensions of a component's points."""
+    return rf"^(xi|eta)_{component}$|grid_{component}(_inner)?$"
 
 
 def _shift(field: Field, place: Place, axis: int, files: list[File]) -> float | None:

@@ -208,18 +208,9 @@ def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
     moving = int(np.count_nonzero(floes.active & ~floes.land & (floes.motion != FIXED)))
     freedom = f"{model.degrees_of_freedom()} velocity components of {moving} floes"
     rows = [("degrees of freedom", freedom)]
-    state = sum(np.asarray(array).nbytes for array in model.state().values())
-    grids = {
-        id(g): g for g in (model.grid, *(f.grid for f in (model.ocean, model.atmosphere) if f))
-    }
-    cells = sum(
-        array.nbytes
-        for grid in grids.values()
-        for array in vars(grid).values()
-        if isinstance(array, np.ndarray)
-    )
-    # packed in the kernels once more
-    rows.append(("memory", f"about {(2 * state + cells) / 1e6:.3g} MB for arrays"))
+    model.longest_step()  # which makes the arrays that the steps work on
+    held = sum(array.nbytes for array in arrays_of(model).values())
+    rows.append(("memory", f"about {held / 1e6:.3g} MB for arrays at the start"))
     if scene.time.duration is None:
         return [*rows, ("step", _step_text(model, np.inf))]
     schedule = scene.schedule()
@@ -229,6 +220,29 @@ def _size(scene: "Scene", model: "Model") -> list[tuple[str, str]]:
         f"a frame every {duration_text(schedule.every)}"
     )
     return [*rows, ("duration", intervals), ("cost", _cost_text(model, schedule))]
+
+
+def arrays_of(*things: object) -> dict[int, np.ndarray]:
+    """Each array that can be reached from things of this package, by its id; a view counts as the array that it views."""
+    seen: set[int] = set()
+    found, left = {}, list(things)
+    while left:
+        thing = left.pop()
+        while isinstance(thing, np.ndarray) and isinstance(thing.base, np.ndarray):
+            thing = thing.base
+        if id(thing) in seen:
+            continue
+        seen.add(id(thing))
+        if isinstance(thing, np.ndarray):
+            found[id(thing)] = thing
+        elif isinstance(thing, tuple | list):
+            left += thing
+        elif isinstance(thing, dict):
+            left += thing.values()
+        elif type(thing).__module__.startswith("floebmi"):  # floes and fluids have slots
+            names = getattr(thing, "__slots__", None) or getattr(thing, "__dict__", ())
+            left += [getattr(thing, name) for name in names]
+    return found
 
 
 def _cost_text(model: "Model", schedule: "Schedule") -> str:

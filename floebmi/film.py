@@ -52,7 +52,9 @@ def write_gif(path: Path, images: Iterator[np.ndarray], fps: int) -> None:
     from PIL import Image
 
     def indexed(image: np.ndarray) -> "Image.Image":
-        return Image.fromarray(image).quantize(255, dither=Image.Dither.NONE)
+        # of all colours, also those of few pixels: the colour scale, and floes unlike the others
+        method = Image.Quantize.MAXCOVERAGE
+        return Image.fromarray(image).quantize(255, method, dither=Image.Dither.NONE)
 
     first = indexed(next(images))
     first.save(

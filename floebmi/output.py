@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from floebmi.model import Model
 
 FILE_VERSION = 1
+CACHE = 2**20  # bytes
 
 
 class _GrowingFile:
@@ -137,6 +138,7 @@ class _GrowingFile:
                     yield data, 0
                 self._size = self._most = self.path.stat().st_size
                 self._data = Dataset(self.path, "a")
+                _keep_few_chunks(self._data)
             else:
                 self._check_room()
                 yield self._data, self._count
@@ -497,6 +499,17 @@ def _contact_sums(model: "Model") -> dict[str, np.ndarray]:
 # ---- reading ----------------------------------------------------------------------------------
 
 
+def _keep_few_chunks(data: "Dataset") -> None:
+    """Limit what HDF5 keeps of each variable in memory to `CACHE`; by default 64 MB, gigabytes in all.
+
+    Frames are written and read one after the other, so older ones are not needed again.  Of floes, of which many may
+    have come in, a frame may have more chunks than `CACHE` holds, each of them with other frames, too: those stay.
+    """
+    for variable in data.variables.values():
+        if "trajectory" not in variable.dimensions or variable.chunking()[0] == 1:
+            variable.set_var_chunk_cache(CACHE)
+
+
 @contextlib.contextmanager
 def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
     """Open a file of this module for reading, even while a run still writes it.
@@ -522,7 +535,7 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
         except OSError:
             # HDF5 locks a file that is being written; a copy of it is not locked
             copy = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.name
-            copy.write_bytes(path.read_bytes())
+            shutil.copyfile(path, copy)
             try:
                 data = stack.enter_context(Dataset(copy))
             except OSError:
@@ -532,4 +545,5 @@ def open_file(path: str | Path, *kinds: str) -> Iterator["Dataset"]:
         wanted = [f"{kind} {FILE_VERSION}" for kind in kinds]
         if found not in wanted:
             raise InputError(f"{path}: is {found!r}; must be {' or '.join(map(repr, wanted))}")
+        _keep_few_chunks(data)
         yield data

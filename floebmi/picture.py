@@ -1,5 +1,6 @@
 """The picture of the floes of a run, which can show any frame: for `frame`, `animate` and `page` alike."""
 
+from collections.abc import Sequence
 from typing import Any, final
 
 import numpy as np
@@ -18,14 +19,21 @@ from floebmi.errors import check_word
 from floebmi.floes import FIXED, LAND as LAND_BIT
 from floebmi.reading import View, filled
 
+SAMPLE = 20  # frames whose values make the colour scale
+
 
 @final
 class FloePicture:
-    """A figure that can show any frame: what stands still is drawn once, the rest anew for each frame."""
+    """A figure that can show any of some frames: what stands still is drawn once, the rest anew for each frame.
+
+    The colour scale is that of a sample of all frames, so that pictures of one run are alike; values beyond it in the
+    frames to be shown are seen at its ends.
+    """
 
     def __init__(
         self,
         view: View,
+        frames: Sequence[int],
         color: str | None,
         arrows: str | None,
         limits: tuple[float, float] | None,
@@ -40,8 +48,13 @@ class FloePicture:
         self.bar = None
         if color is not None:
             self._check_color(color)
-            sample = np.unique(np.linspace(0, len(view.times.seconds) - 1, 20).astype(int))
-            values = np.concatenate([self.values(k)[~self.still] for k in sample])
+            sample = np.unique(np.linspace(0, len(view.times.seconds) - 1, SAMPLE).astype(int))
+            values = np.concatenate(
+                [
+                    *(self.values(k)[~self.still] for k in sample),
+                    *(self._extremes(k) for k in np.setdiff1d(frames, sample)),
+                ]
+            )
             whole = color != "speed" and data[color].dtype.kind == "i"
             self.bar = Bar(self._label(color), scale_of(color, values, limits, whole))
         self.title = str(getattr(data, "title", "")) if title is None else title
@@ -164,6 +177,12 @@ class FloePicture:
         if self._color == "speed":
             return np.hypot(self.read("u", k), self.read("v", k))
         return self.read(self._color, k)
+
+    def _extremes(self, k: int) -> np.ndarray:
+        """Smallest and largest of these values, of floes that do not stand still; none without floes."""
+        values = self.values(k)[~self.still]
+        values = values[np.isfinite(values)]
+        return np.array([values.min(), values.max()]) if values.size else values
 
     def _label(self, color: str) -> str:
         if color == "speed":

@@ -90,7 +90,8 @@ def frame(
     color : "speed" or a variable of the trajectory file ("thickness", "contact_force" …); None: plain ice
     to : file to save (.png, .pdf, .svg)
     arrows : "ice", "ocean", "wind" (velocities) or "stress" (of the ice on the ocean) from the gridded file
-    limits : ends of the colour scale; default: the range of the values of all frames without the largest 1 %
+    limits : ends of the colour scale; default: the range of the values of 20 frames without the largest
+        1 %; the scale ends in an arrow where the frames shown have values beyond it
     title : title of the picture; default: the file's title
     size : width of the picture in pixels; pictures of tall domains are narrower
 
@@ -106,7 +107,7 @@ def frame(
     with in_style(), ExitStack() as files:
         view = open_view(files, trajectories, gridded)
         k = frame_number(trajectories, time, len(view.times.seconds))
-        picture = FloePicture(view, color, arrows, limits, title, size)
+        picture = FloePicture(view, [k], color, arrows, limits, title, size)
         picture.show(k)
         return save(picture.figure, to)
 
@@ -241,8 +242,8 @@ def animate(
         raise InputError(f"progress = {in_line(progress)}: must be a function, or None")
     with in_style(), ExitStack() as files:
         view = open_view(files, trajectories, gridded)
-        picture = FloePicture(view, color, arrows, limits, title, size)
         numbers = range(0, len(view.times.seconds), every)
+        picture = FloePicture(view, numbers, color, arrows, limits, title, size)
 
         def images() -> Iterator[np.ndarray]:
             for done, k in enumerate(numbers, 1):
@@ -289,7 +290,8 @@ def page(
         raise InputError("color = None: must be speed or a variable of the file")
     with ExitStack() as files:
         view = open_view(files, trajectories, None)
-        run = page_of(FloePicture(view, color, None, limits, title, 400), view, every)
+        numbers = range(0, len(view.times.seconds), every)
+        run = page_of(FloePicture(view, numbers, color, None, limits, title, 400), view, every)
     with in_one_go(to) as part:
         write_page(part, run)
     return to

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ from floebmi import (
     running,
 )
 from floebmi.cli import floebmi
-from floebmi.explain import notes
+from floebmi.explain import explain, notes
 from floebmi.restarts import load_restart
 from floebmi.scene import Scene
 from floebmi.scenes import packaged
@@ -663,6 +665,23 @@ def test_ocean_and_air_on_one_grid_are_noted_once(cli, tmp_path, more, times):
     notes = cli("explain", "scene.toml").stdout.partition("note: ")[2]
     both = "outside the cells of the ocean and the air: floes have no ocean drag or air drag there"
     assert notes.count("outside the cells") == times and (both in notes) == (times == 1)
+
+
+def test_explain_counts_the_memory_of_all_arrays():
+    """At least what numpy counts, which does not see the pairs that kernels find."""
+    changes = ["floes.size.radius_min=100.0", "floes.size.radius_max=300.0"]
+    scene = read_scene("periodic-box", changes)
+    explain(scene, scene.build())  # what stays from the first time, such as code
+    tracemalloc.start()
+    try:
+        built = scene.build()
+        told = explain(scene, built)
+        numpys = tracemalloc.DomainFilter(True, np.lib.tracemalloc_domain)
+        kept = tracemalloc.take_snapshot().filter_traces([numpys]).traces
+    finally:
+        tracemalloc.stop()
+    megabytes = float(re.search(r"memory +about (\S+) MB", told)[1])
+    assert 0.99 < megabytes * 1e6 / sum(one.size for one in kept) < 1.2
 
 
 @pytest.mark.parametrize("name", packaged())

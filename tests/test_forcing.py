@@ -292,6 +292,13 @@ def test_a_roms_grid_is_brought_to_centres_and_turned_by_its_angle(tmp_path, sam
     assert "C grid" in repr(source) and "angle" in repr(source)
 
 
+@pytest.mark.parametrize("same_size", [False, True])
+def test_components_of_a_roms_grid_given_in_the_wrong_order_are_refused(same_size):
+    data, names = roms(same_size=same_size), ["v", "u"]
+    with pytest.raises(InputError, match=r"v: .*\(eta_v, xi_v\) it is v, but is given as u"):
+        VelocityFile(data, around(10, 75), variables=names, projection=POLAR)
+
+
 def test_without_angle_the_direction_is_that_of_the_columns(tmp_path):
     grid = around(10, 75)
     path = saved(roms().drop_vars("angle"), tmp_path)

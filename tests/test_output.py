@@ -4,10 +4,12 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -544,6 +546,27 @@ def test_a_file_can_be_read_while_it_is_written(tmp_path):
             model.advance(10.0)
 
 
+def test_a_file_that_is_being_written_need_not_fit_into_memory(tmp_path, monkeypatch):
+    path, real, size = tmp_path / "a.nc", netCDF4.Dataset, 20_000_000
+    with TrajectoryWriter(path, small_model()) as writer:
+        writer.write(small_model())
+    os.truncate(path, size)  # HDF5 does not mind what comes after its end
+
+    def locked(name):
+        if name == path:
+            raise OSError("HDF error")
+        return real(name)
+
+    monkeypatch.setattr(netCDF4, "Dataset", locked)
+    tracemalloc.start()
+    try:
+        with open_file(path, "trajectories") as data:
+            assert len(data["time"]) == 1
+        assert tracemalloc.get_traced_memory()[1] < 0.5 * size
+    finally:
+        tracemalloc.stop()
+
+
 KILLED = """
 import sys
 from types import SimpleNamespace as Stub
@@ -567,6 +590,25 @@ with TrajectoryWriter(sys.argv[1], model, contacts=False) as writer:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+@pytest.mark.parametrize(
+    ("kind", "writer", "name"),
+    [("gridded", GriddedWriter, "sea_ice_thickness"), ("trajectories", TrajectoryWriter, "u")],
+)
+def test_a_long_series_does_not_stay_in_memory(tmp_path, kind, writer, name):
+    """By default HDF5 keeps 64 MB of each variable."""
+    x, y = np.meshgrid(np.arange(80.0), np.arange(60.0))
+    floes = Floes(x.ravel(), y.ravel(), 0.4, 1.0)
+    grid = Grid.uniform((0, 80), (0, 60), spacing=1.0)
+    model = Model(Domain((-1.0, 80.0), (-1.0, 60.0)), floes, grid=grid)
+    path = tmp_path / "a.nc"
+    with writer(path, model) as file:
+        file.write(model)
+        kept = [file._data[one].get_var_chunk_cache()[0] for one in (name, "ledger_stock")]
+    with open_file(path, kind) as data:
+        kept.append(data[name].get_var_chunk_cache()[0])
+    assert max(kept) <= 2**20
+
+
 def test_a_killed_run_leaves_a_file_with_all_its_frames(tmp_path):
     path = tmp_path / "a.nc"
     child = subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE)

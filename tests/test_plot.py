@@ -607,6 +607,36 @@ def test_a_frame_of_a_film_is_the_picture_of_that_frame(run, tmp_path):
         assert differs.mean() < 0.002, k
 
 
+def test_values_of_each_frame_that_is_shown_are_on_the_colour_scale(tmp_path):
+    """Of a long series only some frames make the scale."""
+    path, fast = tmp_path / "floes.nc", 21
+    model = Model(Domain((0.0, 100.0), (0.0, 100.0)), Floes(50.0, 50.0, 10.0, 1.0))
+    with TrajectoryWriter(path, model) as writer:
+        for k in range(50):
+            model.time, model.floes.u[:] = float(k), 1.0 if k == fast else 0.1
+            writer.write(model)
+    for k, highest in ((fast, 1.0), (fast + 1, 0.1)):
+        _, bar = draw.frame(path, time=k, size=200).axes
+        assert bar.get_ylim() == (0.0, highest)
+    page = draw.page(path, tmp_path / "floes.html").read_text(encoding="utf-8")
+    assert '"low": "0", "high": "1"' in page
+
+
+def test_a_gif_of_many_floes_of_one_colour_shows_the_colour_scale_and_rare_colours_too(tmp_path):
+    from PIL import Image
+
+    from floebmi.film import write_gif
+
+    colours = (255 * matplotlib.colormaps["viridis"](np.linspace(0, 1, 400))[:, :3]).astype("u1")
+    shares = np.random.default_rng(1).random((400, 390, 1))  # of fast floes over water, in a pixel
+    floes = shares * colours[-1] + (1 - shares) * np.array([211, 228, 238])
+    picture = np.concatenate([floes.astype("u1"), np.tile(colours[:, None], (1, 10, 1))], axis=1)
+    write_gif(tmp_path / "a.gif", iter([picture]), 12)
+    with Image.open(tmp_path / "a.gif") as film:
+        shown = np.asarray(film.convert("RGB"))
+    assert np.abs(shown.astype(int) - picture).max() < 20
+
+
 def test_gif_has_each_nth_frame(run, tmp_path):
     from PIL import Image
 
