@@ -44,6 +44,7 @@ def run(contact, rotation):
     return [getattr(model.floes, name).copy() for name in names] + [*model.fields().values()]
 
 
+@pytest.mark.filterwarnings("ignore:.* lie outside the domain")  # to where they are pressed
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.long) if n == ALONE else n for n in LAWS]
 )
