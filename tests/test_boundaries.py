@@ -52,7 +52,7 @@ def test_a_floe_crosses_a_periodic_seam_and_stays_in_the_domain():
 @pytest.mark.parametrize("x, where", [((99.5, 3.4), 1.45), ((0.5, 96.6), 98.55)])
 def test_a_contact_across_a_periodic_seam_lies_in_the_domain(x, where):
     floes = Floes(x, 50.0, 2.0, 1.0)
-    contacts = Model(box(west="periodic", south="periodic"), floes, contact=Contact()).contacts()
+    contacts = Model(box(west="periodic", south="periodic"), floes, frictional()).contacts()
     assert (contacts.x[0], contacts.y[0]) == pytest.approx((where, 50.0))
 
 
