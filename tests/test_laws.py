@@ -138,8 +138,9 @@ def test_a_beam_too_weak_from_the_first_touch_breaks_in_a_step_and_not_between_e
 
     def floes_that_meet_askew():
         floes = Floes([20.0, 40.2], 50.0, R, 1.0, u=[1.0, 0.0], v=[2.0, 0.0])
-        law = Contact(friction=Coulomb(0.3), bonds=BEAM._replace(beam=Beam(1e3)))
-        return Model(Domain((0.0, 100.0), (0.0, 100.0)), floes, law)
+        weak = TensileStrength(STRENGTH, 0.3, Healing(1.0, STRENGTH), Beam(1e3))
+        law = ALL._replace(bonds=weak, failure=CompressiveFailure(1e12))
+        return Model(Domain((0.0, 100.0), (0.0, 100.0), *["periodic"] * 4), floes, law)
 
     model, restarted = floes_that_meet_askew(), floes_that_meet_askew()
     for _ in range(1000):

@@ -96,7 +96,7 @@ def test_a_thread_that_cannot_start_keeps_nobody_waiting(small_chunks, monkeypat
         started.append(thread)
         start(thread)
 
-    model = pack_of_floes(frictional(), threads=3)
+    model = pack_of_floes(frictional(), threads=3, walls=True)
     with monkeypatch.context() as limited:
         limited.setattr(threading.Thread, "start", starts_once)
         with pytest.raises(RuntimeError, match="can't start new thread"):
