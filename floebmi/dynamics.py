@@ -215,17 +215,17 @@ def hold_kick(p, first, n, dt, kept, constraint):
             constraint[1] -= dt * p.force[k].y
             constraint[2] -= dt * p.force[k].y * p.floes[k].v
             p.force[k].y *= kept
-    hold_kick_back(p.spinning, p.force, p.inverse_spin, first, n, dt, constraint)
+    hold_kick_spin(p.spinning, p.force, p.inverse_spin, first, n, dt, constraint)
 
 
 @dispatched
-def hold_kick_back(spinning, force, inverse_spin, first, n, dt, constraint):
+def hold_kick_spin(spinning, force, inverse_spin, first, n, dt, constraint):
     for k in range(first, first + n):
         if inverse_spin[k] == 0.0:
             constraint[2] -= dt * force[k].torque * spinning[k].omega
 
 
-@hold_kick_back.register
+@hold_kick_spin.register
 def _(spinning: None, force, inverse_spin, first, n, dt, constraint):
     pass
 
@@ -599,8 +599,8 @@ def touch(laws, packed, lists, walls, tile, dt, inverse, tally, buffer, blows):
     p = packed
     noted = touch_floes(
         laws.contact, laws.period_x, laws.period_y, p.floes, p.spinning, p.friction,
-        p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse, tally.held[tile],
-        tally.lost[tile], buffer, blows,
+        p.tensile_strength, lists.pairs, lists.near, tile, dt, p.force, inverse, tally.lost[tile],
+        buffer, blows,
     )  # fmt: skip
     if tile == lists.near.counts.size - 1:
         touch_walls(laws.wall, p.floes, walls, dt, p.force, inverse, tally.held[tile], tally.lost[tile])  # fmt: skip

@@ -241,8 +241,8 @@ def settle(near, first_part, last_part):
 
 @dispatched
 def touch_floes(
-    law, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse,
-    constraint, lost, buffer, blows,
+    law, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse, lost,
+    buffer, blows,
 ):  # fmt: skip
     """Add the forces of a part of the short list, a block at a time.
 
@@ -317,8 +317,8 @@ def touch_floes(
 
 @touch_floes.register
 def _(
-    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse,
-    constraint, lost, buffer, blows,
+    law: None, period_x, period_y, floes, spinning, mu, sigma, pairs, near, part, dt, force, inverse, lost,
+    buffer, blows,
 ):  # fmt: skip
     return 0
 
