@@ -183,7 +183,7 @@ class Advance:
         """The limit on the step until floes have moved further; computed on demand."""
         if self._stiffest is None:
             begin = work_clock()
-            walls = self.walls._replace(walls=self.state.walls)
+            walls = self.walls._replace(records=self.state.walls)
             self._stiffest = stiffest(
                 self.contact, self.packed, self.pairs, self.period, walls, self.listed.closing
             )
@@ -405,7 +405,7 @@ class Advance:
             taken += n
             self._count(n, dt)
             self._check(Survey(*survey(self._of_any_scheme)), dt, done + taken * dt)
-            self.travelled = strayed(self.packed.floes, self.walls.walls, self.marked)
+            self.travelled = strayed(self.packed.floes, self.walls.records, self.marked)
             if self._strayed_far():
                 break
         reached = done + taken * dt
@@ -588,7 +588,7 @@ class Advance:
         keeps = self.step.scheme == "verlet" and self.contact is not None
         if not keeps or self.contact.dashpot is not None:
             return 0.0, 0.0
-        return pressed(self.packed, self.walls.walls)
+        return pressed(self.packed, self.walls.records)
 
     def _first_kick(self, dt: float) -> float:
         """Duration of the first half kick [s] of steps of dt; at the start of a run, adjusted to conserve its energy.

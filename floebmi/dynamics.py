@@ -126,15 +126,19 @@ class Lists(NamedTuple):
 
 
 class Walls(NamedTuple):
-    """Walls, and the floes that may touch them."""
+    """Walls, and the floes that may touch them.
 
-    walls: np.ndarray | None
+    records : of `WALL`, or None without walls
+    floe, number : each floe near a wall, and the number of that wall
+    damped, opening, blow : of each of these: force of the dashpot [N], if there are any; rate of separation [m/s];
+        blow [N s], see `contact.blow`
+    """
+
+    records: np.ndarray | None
     floe: np.ndarray
-    number: np.ndarray  # of the wall
-    damped: np.ndarray | None  # force of the dashpots [N], kept since the list was made
-    opening: (
-        np.ndarray
-    )  # rate at which floe and wall separate [m/s]; next, their blow [N s], see `contact.blow`
+    number: np.ndarray
+    damped: np.ndarray | None
+    opening: np.ndarray
     blow: np.ndarray
 
 
@@ -433,56 +437,55 @@ def hold_back(p, k, a, du, dv, h, u, v, constraint):
 
 @dispatched
 def touch_walls(
-    wall_law, floes, edges, dt, force, inverse, constraint, lost,
+    wall_law, floes, walls, dt, force, inverse, constraint, lost,
 ):  # fmt: skip
     """Add the forces of frictionless walls on floes that overlap them (eq. wall)."""
-    walls = edges.walls
-    for w in range(walls.size):
-        walls[w].force = 0.0
-    for q in range(edges.floe.size):
-        k = edges.floe[q]
-        wall = walls[edges.number[q]]
+    for w in range(walls.records.size):
+        walls.records[w].force = 0.0
+    for q in range(walls.floe.size):
+        k = walls.floe[q]
+        wall = walls.records[walls.number[q]]
         floe = floes[k]
         along_x = wall.axis == 0
         gap = wall.side * ((floe.x if along_x else floe.y) - wall.position) - floe.r
         opening = wall.side * ((floe.u if along_x else floe.v) - wall.speed)
         f = pair_force(
             wall_law, gap, opening, 0.0, 0.0, floe.r, floe.r, floe.h, floe.h,
-            floe.w + wall.inverse_mass, 0.0, 0.0, 0.0, 0.0, recall(edges.damped, q), 0.0, 0.0, 0.0, dt,
+            floe.w + wall.inverse_mass, 0.0, 0.0, 0.0, 0.0, recall(walls.damped, q), 0.0, 0.0, 0.0, dt,
         )  # fmt: skip
-        remember(edges.damped, q, f.damped)
+        remember(walls.damped, q, f.damped)
         if along_x:
             force[k].x += wall.side * f.f_n
         else:
             force[k].y += wall.side * f.f_n
         wall.force -= wall.side * f.f_n
-        edges.opening[q], edges.blow[q] = opening, f.blow_n
+        walls.opening[q], walls.blow[q] = opening, f.blow_n
         lost[DASHPOTS] += f.dashpot_loss
-    strike_walls(inverse, wall_law, floes, force, edges, dt, constraint)
+    strike_walls(inverse, wall_law, floes, force, walls, dt, constraint)
 
 
 @touch_walls.register
-def _(wall_law: None, floes, edges, dt, force, inverse, constraint, lost):
+def _(wall_law: None, floes, walls, dt, force, inverse, constraint, lost):
     pass
 
 
 @dispatched
-def strike_walls(inverse, wall_law, floes, force, edges, dt, constraint):
+def strike_walls(inverse, wall_law, floes, force, walls, dt, constraint):
     """Apply the blows of floes that met or left a wall, now that all contact forces are known; opposite on floe and wall.
 
     The load of a wall is left out, as in the energy that the scheme conserves (eq. kept-energy).
     """
-    for q in range(edges.floe.size):
-        if edges.blow[q] == 0.0:
+    for q in range(walls.floe.size):
+        if walls.blow[q] == 0.0:
             continue
-        k, wall = edges.floe[q], edges.walls[edges.number[q]]
+        k, wall = walls.floe[q], walls.records[walls.number[q]]
         along_x = wall.axis == 0
         w = inverse.x[k] if along_x else inverse.y[k]
         pushed = w * (force[k].x if along_x else force[k].y) - wall.inverse_mass * wall.force
         parting = (floes[k].u if along_x else floes[k].v) - wall.speed
         ahead = wall.side * (parting + 0.5 * dt * pushed)
         impulse, _ = blow(
-            wall_law.dashpot, edges.blow[q], edges.opening[q], ahead, w + wall.inverse_mass
+            wall_law.dashpot, walls.blow[q], walls.opening[q], ahead, w + wall.inverse_mass
         )
         impulse *= wall.side
         x, y = (impulse, 0.0) if along_x else (0.0, impulse)
@@ -494,7 +497,7 @@ def strike_walls(inverse, wall_law, floes, force, edges, dt, constraint):
 
 
 @strike_walls.register
-def _(inverse: None, wall_law, floes, force, edges, dt, constraint):
+def _(inverse: None, wall_law, floes, force, walls, dt, constraint):
     pass
 
 
@@ -687,12 +690,12 @@ def verlet(
     done, kicks, since, skin = 0, (0.0, first_kick), 0.0, lists.skin
     while done < steps:
         if not travelled < reach:  # a sum over steps, which overestimates the displacement
-            travelled = strayed(p.floes, walls.walls, marked)
+            travelled = strayed(p.floes, walls.records, marked)
             if not travelled < NEARLY * reach:
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, skin)
-        fastest = move_walls(walls.walls, kicks, dt)
+        fastest = move_walls(walls.records, kicks, dt)
         for half in range(2 if anew else 1):  # move, rebuild the list, touch; or move and touch
             if half == 1:
                 skin = wide_enough(lists.skin, way)
@@ -710,7 +713,7 @@ def verlet(
     if done > 0:
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
-            forces, at, p, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
+            forces, at, p, lists.tiles, walls.records, 0.5 * dt, pushed, substeps,
             tally.held[last - 1], buffers[1],
         )  # fmt: skip
     return done
@@ -720,7 +723,7 @@ def verlet(
 def strayed(floes, walls, marked):
     """Half the distance by which two floes, or a floe and a wall, may have come closer since they were marked [m].
 
-    A displacement common to all floes brings none of them closer; it counts only where there are walls or edges.
+    A displacement common to all floes brings none of them closer; it counts only where there are walls or walls.
     """
     none = 0.0 if marked.still or floes.size == 0 else np.inf
     west, east, south, north = none, -none, none, -none

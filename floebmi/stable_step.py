@@ -106,7 +106,7 @@ def _stiffest(
     of_wall, rate_of_wall = 0.0, 0.0
     for q in range(walls.floe.size):
         k = walls.floe[q]
-        wall = walls.walls[walls.number[q]]
+        wall = walls.records[walls.number[q]]
         w = max(inverse_x[k], inverse_y[k])
         k_n = stiffness(law.elastic, floes[k].h, floes[k].h)
         nx = 1.0 if wall.axis == 0 else 0.0

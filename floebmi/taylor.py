@@ -82,8 +82,8 @@ def taylor(
                 previous[0], previous[1] = contact.x, contact.y
                 fastest = max(fastest, floe.u**2 + floe.v**2)
             taylor_spin(p.spinning, third_order, forces, at, p, first, n, dt, constraint)
-        kick_walls(walls.walls, dt, 0.0, ahead)
-        way = dt * np.sqrt(max(fastest, drift_walls(walls.walls, dt)))
+        kick_walls(walls.records, dt, 0.0, ahead)
+        way = dt * np.sqrt(max(fastest, drift_walls(walls.records, dt)))
         travelled, since = travelled + way, since + way
         done += 1
     settle(near, start, parts)

@@ -84,7 +84,7 @@ def _end(forces, at, packed, lists, walls, tally, dt, done, steps, substeps, lag
     if done > 0:
         pushed = time_left_to_push(lag, done == steps)
         end_steps(
-            forces, at, packed, lists.tiles, walls.walls, 0.5 * dt, pushed, substeps,
+            forces, at, packed, lists.tiles, walls.records, 0.5 * dt, pushed, substeps,
             tally.held[seams], buffer,
         )  # fmt: skip
 
@@ -104,7 +104,7 @@ def _share(
     done, kicks, since, skin, times = 0, (0.0, first_kick), 0.0, lists.skin, 0
     while done < steps:
         if not travelled < reach:
-            travelled = strayed(p.floes, walls.walls, marked)
+            travelled = strayed(p.floes, walls.records, marked)
             times = meet(counter, threads, times)
             if not travelled < NEARLY * reach:
                 break
@@ -127,7 +127,7 @@ def _share(
                     kicks, dt, pushed, substeps, tally, buffers,
                 )  # fmt: skip
                 if turn == 0:
-                    of_walls = move_walls(walls.walls, kicks, dt) if thread == 0 else 0.0
+                    of_walls = move_walls(walls.records, kicks, dt) if thread == 0 else 0.0
                     fastest[thread, 0] = max(of_walls, speed2)
             times = meet(counter, threads, times)
             if turn == 0:

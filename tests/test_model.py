@@ -67,7 +67,7 @@ def test_arrays_of_physics_that_is_not_listed_do_not_exist():
     assert pairs.bonded is None and pairs.slip is not None
     drifting = pair()
     assert drifting.ocean is drifting.atmosphere is drifting.floes.angle is None
-    assert drifting._at == () and drifting._now().walls.walls is None
+    assert drifting._at == () and drifting._now().walls.records is None
     windy = pair(forces=[AirDrag(), BodyForce(1.0)])
     assert windy.ocean is None and windy.atmosphere.tilt_x is windy.atmosphere.coriolis is None
 

@@ -204,7 +204,7 @@ def test_floes_along_walls_add_to_the_sums_of_each_wall_and_of_themselves():
         np.zeros(0, np.uint32),
         np.array([[0, 1, 2, 3, 2, 3, 0, 1], [0, 0, 1, 1, 2, 2, 3, 3]]),
     )
-    edges = SimpleNamespace(walls=walls, floe=at[0], number=at[1])
+    edges = SimpleNamespace(records=walls, floe=at[0], number=at[1])
     rows = np.zeros(4, STIFFNESS).view(np.recarray)
     omega2, which, rate = uncompiled(_stiffest)(
         law, None, None, floes, w, 0.0 * w, none, none, edges, 0.0, 0.0, rows
