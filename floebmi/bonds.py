@@ -56,26 +56,26 @@ class TensileStrength(NamedTuple):
 
 
 @dispatched
-def hold(bonds, strength, youngs_modulus, mean_radius, gap, shear, bent, bonded, dt):
+def hold(bonds, strength, youngs_modulus, mean_radius, gap, shear, fibre, bonded, dt):
     """State of a bond after a step (eq. tensile-strength): its strength over its full strength, 1 without healing.
 
     0 : no bond.  −1 : a beam that broke while the floes still touch; they bond again at their next touch.
-    strength : σ_c of the pair [Pa]; gap : δ [m]; shear : shear stress [Pa]; bent : stress of the outer fibre [Pa]
+    strength : σ_c of the pair [Pa]; gap : δ [m]; shear : shear stress [Pa]; fibre : see `fibre_stress` [Pa]
     dt : 0 before the first step of an exchange, when what breaks could not be booked
     """
     raise TypeError(f"no bond law for {type(bonds).__name__}")
 
 
 @hold.register
-def _(bonds: None, strength, youngs_modulus, mean_radius, gap, shear, bent, bonded, dt):
+def _(bonds: None, strength, youngs_modulus, mean_radius, gap, shear, fibre, bonded, dt):
     return 0.0
 
 
 @hold.register
-def _(bonds: TensileStrength, strength, youngs_modulus, mean_radius, gap, shear, bent, bonded, dt):
+def _(bonds: TensileStrength, strength, youngs_modulus, mean_radius, gap, shear, fibre, bonded, dt):
     share = grown(bonds.healing, strength, bonded, dt)
     # f_n = k_n δ < σ_c R_ij h_min, divided by h_min
-    holds = youngs_modulus * gap < (share * strength - bent) * mean_radius
+    holds = youngs_modulus * gap < (share * strength - fibre) * mean_radius
     holds = holds and unsheared(bonds.beam, shear, share)
     holds = bonded > 0.0 and (holds or spared(bonds.beam, gap, dt))
     return share if holds or meets(bonds.beam, bonded, gap) else spent(bonds.beam, gap)

@@ -340,7 +340,7 @@ def _scatter(start, cell, amount, over, values, out):
                 out[cell[m], q] += amount[m] * (over[k] * values[k, q])
 
 
-def check_floes(
+def check_discs(
     x: np.ndarray, y: np.ndarray, radius: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres and radii [m] as float64 arrays of one shape (n,), finite, the radii positive."""
@@ -513,7 +513,7 @@ def coverage(
     InputError
         for a centre or radius that is not finite, a radius ≤ 0, a period shorter than the grid.
     """
-    x, y, radius = check_floes(x, y, radius)
+    x, y, radius = check_discs(x, y, radius)
     of = np.ones(x.size, bool) if of is None else of
     fill = _in_polygons if grid.x_edges is None else _in_rectangles
     return fill(grid, x, y, radius, of, check_period(grid, period))
@@ -674,7 +674,7 @@ def floe_weights(
         return shares(coverage(grid, x, y, radius, period), grid.wet)
     if accuracy != "centre":
         raise InputError(f"accuracy = {accuracy!r}: {choose(accuracy, ('overlap', 'centre'))}")
-    x, y, radius = check_floes(x, y, radius)
+    x, y, radius = check_discs(x, y, radius)
     return _centre_weights(grid, x, y, period)
 
 

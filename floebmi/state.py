@@ -72,11 +72,12 @@ class State:
 
     def copy(self) -> "State":
         """A copy to go back to; what is never changed in place is shared."""
-        rows = (None if kept is None else kept.copy() for kept in (self.previous, self.remainder))
-        return State(
-            self.walls.copy(), self.memory, *rows, self.rng, tuple(map(copy, self.feeders)),
-            self.ledger.copy(), replace(self.counters), self.kept,
-            replace(self.seconds), self.rng.bit_generator.state,
+        rows = {name: getattr(self, name) for name in _OF_FLOES}
+        rows = {name: None if values is None else values.copy() for name, values in rows.items()}
+        return replace(
+            self, walls=self.walls.copy(), feeders=tuple(map(copy, self.feeders)),
+            ledger=self.ledger.copy(), counters=replace(self.counters),
+            seconds=replace(self.seconds), drawn=self.rng.bit_generator.state, **rows,
         )  # fmt: skip
 
     def go_back(self, earlier: "State") -> None:
