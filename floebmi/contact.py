@@ -439,7 +439,7 @@ def _(dashpot: None, damped_before, damped, met, opening, part):
 
 @dispatched
 def time_in_contact(friction, gap, opening, dt):
-    """The part of a step [s] during which two floes touched, if their gap changed at a constant rate (eq. part-of-a-step)."""
+    """The part of a step [s] during which two floes touched, if their gap changed at a constant rate (eq. part-of-a-step); all of it in the paper's friction."""
     since = gap / opening if opening != 0.0 else 0.0  # the gap was zero
     if gap < 0.0:
         return min(since, dt) if opening < 0.0 else dt

@@ -84,7 +84,7 @@ def usual_fraction(scheme: str, contact: Contact | None) -> float:
     return 0.85 if scheme == "verlet" and rubs and not more else 0.3
 
 
-# Skin of a short list over the displacement of the fastest floe in a step: the list then lasts for 14 steps.
+# Skin of a short list over the displacement of the fastest floe in a step: at a steady speed the list then serves 16 steps.
 LASTING = 32.0
 # Share of the permitted displacement beyond which the list of pairs, or the limit on the step, is renewed.
 NEARLY = 0.7

@@ -10,8 +10,8 @@ their contacts need, and the impulse that each fluid gave to them is removed fro
 read.  A host, a forcing file and a constant wind all use the same arrays, so a coupled and a forced
 run cannot differ.
 
-What the scene does not list does not exist: a model without wind has no `atmosphere`, one without
-friction has no angles.
+What the scene does not list does not exist: a model without wind has no `atmosphere`, one whose
+floes do not rotate has no angles.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -145,7 +145,7 @@ class Model:
     ice_density : ρ_ice [kg/m³]
     draft_fraction : D/h [1]
     rotation : let floes rotate even without friction (by the torque of vorticity)
-    seed : of all random numbers while the model runs (inflow)
+    seed : of all random numbers of the model: inflow, and friction and strength that differ among floes
     atmosphere_grid : grid of the wind, if it differs
     threads : number of threads for the steps of a large pack (50 000 floes or more); results are bitwise equal for any number
 
@@ -547,7 +547,7 @@ class Model:
         return 0.0 - walls.side * walls.force / (along * thickness)
 
     def longest_step(self) -> float:
-        """The time step that would be taken now [s]; inf where nothing limits it."""
+        """The longest time step that contacts and the scene permit now [s]; inf where they set no limit."""
         return self._now().longest_step()
 
     def contacts(self) -> Contacts:

@@ -23,7 +23,7 @@ CELLS_PER_FLOE = 2.0  # a sparse level gets wider cells rather than more of them
 class Pairs(NamedTuple):
     """Candidate pairs `i[p]`, `j[p]`, each once; row i is `start[i]:start[i + 1]`.
 
-    Pairs of one level are in the row of the lower index, others in the row of the smaller floe.
+    Pairs of one level are in the row of the lower index, others in that of the smaller floe; rows of coast are empty.
     tested : number of distances computed to find them
     """
 

@@ -1,7 +1,7 @@
 """Packed floes, as the kernels see them: active ones only, sorted in space, in few cache lines.
 
 All that a contact reads of a floe is one record of 64 bytes.  The laws determine which fields and arrays exist:
-a spin only with friction or a torque.  What is not needed is None, which the kernels compile to nothing.
+a spin only where floes rotate.  What is not needed is None, which the kernels compile to nothing.
 """
 
 from typing import NamedTuple
@@ -51,9 +51,7 @@ class Packed(NamedTuple):
     land: np.ndarray  # bool: a piece of coast
     first_x: np.ndarray  # position of the floe when it was packed
     first_y: np.ndarray
-    previous: (
-        np.ndarray | None
-    )  # contact forces and torques of the last step (n, 3), for the paper's schemes
+    previous: np.ndarray | None  # (n, 3) contact forces and torques of the last step, for `taylor`
     origin_x: float  # of the records' coordinates
     origin_y: float
     friction: np.ndarray | None  # μ and σ_c of each floe, where they differ

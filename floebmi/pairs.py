@@ -71,7 +71,7 @@ class PairList(NamedTuple):
     bent: np.ndarray | None = None  # rotation of j relative to i since they bonded [rad]
     failed: np.ndarray | None = None  # 1 once the ice has failed, until the floes separate
     slid: np.ndarray | None = None  # of the spring along n of a pair that failed [m]
-    damped: np.ndarray | None = None  # force of the dashpots [N], kept since the list was made
+    damped: np.ndarray | None = None  # force of the dashpots [N]; anew in each list and exchange
     block: np.ndarray | None = None  # all of these, row by row
 
     def memories(self) -> tuple[str, ...]:
@@ -176,9 +176,8 @@ def any_period(period: tuple[float | None, float | None]) -> tuple[float, ...]:
 @dispatched
 def recall(memory, p):
     """The value of pair or floe p; 0 where there is no such array."""
-    return memory[
-        np.uintp(p)
-    ]  # unsigned: no wrap-around of negative indices, so the loop vectorises
+    # unsigned: no wrap-around of negative indices, so the loop vectorises
+    return memory[np.uintp(p)]
 
 
 @recall.register

@@ -149,7 +149,7 @@ def add_stiffness(row, w_i, w_j, k_n, k_t, k_b, c, nx, ny, arm):
 
 @inner
 def largest_eigenvalue(row, floor):
-    """Largest eigenvalue of the symmetric matrix (xx, yy, ss; xy, xs, ys), by the trigonometric formula; at least `floor`."""
+    """Largest eigenvalue of the symmetric matrix (xx, yy, ss; xy, xs, ys), by the trigonometric formula; or `floor`, where a bound shows that it is no larger."""
     xx, yy, xy, xs, ys, ss = row.xx, row.yy, row.xy, row.xs, row.ys, row.ss
     mean = (xx + yy + ss) / 3.0
     a, b, c = xx - mean, yy - mean, ss - mean

@@ -110,9 +110,8 @@ def _share(
                 break
         pushed = time_to_push(lag, drag_every, dt, (steps - done) * dt)
         anew = is_stale(since, way, skin)
-        for turn in range(
-            3
-        ):  # move, and touch at once unless the list is rebuilt; touch; touch across seams
+        # move, and touch at once unless the list is rebuilt; touch; touch across seams
+        for turn in range(3):
             if turn == 1 and not anew:
                 continue
             first, end = (bounds[thread], bounds[thread + 1]) if turn < 2 else (seams, seams + 1)
