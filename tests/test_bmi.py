@@ -364,6 +364,10 @@ def test_a_state_of_another_date_is_refused_with_table_and_key(scene: Path) -> N
         ('[bmi]\nscene = "nowhere.toml"\n', ["nowhere.toml"]),
         ('[bmi]\nscene = "scene.toml"\ncells = "corners"\n', ["bmi", "cells", "corners", "faces"]),
         ('[bmi]\nscene = "scene.toml"\nfloe_capacity = 2\n', ["floe_capacity", "2"]),
+        (
+            f'[bmi]\nscene = "scene.toml"\nfloe_capacity = {10**30}\n',
+            ["floe_capacity", "at most 1e+09"],
+        ),
         ('[bmi]\nscene = "scene.toml"\nrestart = "none.nc"\n', ["none.nc"]),
         ('[bmi]\nscene = "scene.toml"\ncheckpoint = "no/now.nc"\n', ["checkpoint", "no/now.nc"]),
         ('[bmi]\nscene = "scene.toml"\nset = ["grid.kind=hexagonal"]\n', ["kind", "hexagonal"]),
