@@ -564,7 +564,7 @@ def test_convertible_units_are_converted_and_others_are_refused(ocean):
     assert "[km h-1]" in repr(Coupling(other, again, 600.0))
 
     cases = {
-        "kg m-3": "not the same quantity", "": "not units that UDUNITS knows", "metres per hour!": "not units"
+        "kg m-3": "of the floes wants .m s-1.: not the same quantity", "": "not units that UDUNITS knows", "metres per hour!": "not units"
     }  # fmt: skip
     for wrong, text in cases.items():
         host = Altered(ocean(), get_var_units=lambda name, wrong=wrong: wrong)
