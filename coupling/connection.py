@@ -123,7 +123,10 @@ class Connection:
                 f"couple: {target} of the {taker.name} is of type {type_of_target}, which would cut {source};"
                 " must be of a floating type"
             )
-        self._convert = converter(giver.unit(source), taker.unit(target), running, source, target)
+        self._convert = converter(
+            giver.unit(source), taker.unit(target), running,
+            f"{source} of the {giver.name}", f"{target} of the {taker.name}",
+        )  # fmt: skip
         self.giver, self.taker, self.source, self.target = giver, taker, source, target
         self.kind, self.weight = _kept(giver, target, link)
         self.running = running

@@ -70,6 +70,7 @@ OTHERS = (
     "sea_ice_top_air_flowing__domain_time_integral_of_{a}_z_component_of_stress",
     "sea_ice_flowing__domain_time_integral_of_{a}_component_of_other_force",
 )
+ELSEWHERE = 1e-3  # of a cell's side: centres further apart are those of different cells
 NO_WATER = (
     "sea_ice_bottom_water_flowing__domain_time_integral_of_{a}_component_of_undelivered_stress"
 )
@@ -103,7 +104,8 @@ def couple(
     to_host : input of the host → output of the floes; None leaves the input alone
     host_units, floes_units : units of that model's variables, where it reports none or wrong ones
     host_grids, floes_grids : BMI grid number → `Grid`, where BMI does not give cells or mask
-    regrids : (host grid number, floes grid number) → weights made earlier, from host to floes
+    regrids : (host grid number, floes grid number) → weights made earlier, from host to floes; their target must be
+        the floes' cells as BMI (`bmi_grid`) or `floes_grids` give them
     offset : time of the host minus time of the floes [s]; None: their start times are the same moment
     rescue : file for the floes' state if something fails, where the floes have `save_state`
     show : function called with a description of the coupling, then with each line of the ledger (`print`)
@@ -252,6 +254,22 @@ class Coupling:
                     f"couple: weights for {grid.size} cells, but {name} of the {side.name} has"
                     f" {side.size(name)}"
                 )
+            shapes = side.know_grid(name).shape, grid.shape
+            if shapes[0] != shapes[1] and len(shapes[0]) == len(shapes[1]):
+                raise InputError(
+                    f"couple: weights for cells of shape {shapes[1]}, but those of {name} of the {side.name} have"
+                    f" {shapes[0]}"
+                )
+        # The host's own cells may be in degrees, and those of the weights projected; the floes' are in metres.
+        known = self.floes.know_grid(names[1])
+        away = np.hypot(regrid.target.x - known.x, regrid.target.y - known.y)
+        if (away > ELSEWHERE * np.sqrt(known.area)).any():
+            k = int(np.argmax(away))
+            raise InputError(
+                f"couple: weights for other cells than those of {names[1]} of the floes: cell {k} is at"
+                f" ({known.x[k]:g}, {known.y[k]:g}) m, that of the weights at ({regrid.target.x[k]:g},"
+                f" {regrid.target.y[k]:g}) m; make them with bmi_grid"
+            )
         return regrid
 
     # ---- running -----------------------------------------------------------------------------------

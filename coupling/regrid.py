@@ -66,6 +66,7 @@ BLOCK = 100_000  # pairs of cells cut at a time: the pieces of all pairs of larg
 ROUND_OFF = 1e-14  # overlaps below this share of both cells are round-off of touching edges
 OVER = 1e-3  # a cell covered by more than this beyond its area is covered twice; corners in single precision do less
 FORMAT = "floebmi overlap areas, version 1"
+_READ = "overlap_area", "row", "col", "area_a", "area_b"  # what `from_netcdf` reads of a file
 
 
 @final
@@ -311,6 +312,7 @@ class Regrid:
             file.surface = self.surface
             file.source_checksum = checksum(self.source)
             file.target_checksum = checksum(self.target)
+            file.weights_checksum = digest(*(fields[name][0] for name in _READ))
             for name, size in sizes.items():
                 file.createDimension(name, size)
             for name, (values, dimensions, units, text) in fields.items():
@@ -344,10 +346,9 @@ class Regrid:
                 told = {name: file.getncattr(name) for name in file.ncattrs()}
                 if told.get("format") != FORMAT:
                     raise InputError(f"{path}: not a file of overlap weights ({FORMAT!r})")
-                area, row, column, source_area, target_area = (
-                    file[name][:] for name in ("overlap_area", "row", "col", "area_a", "area_b")
-                )
-        except (OSError, RuntimeError, IndexError):
+                read = [file[name][:] for name in _READ]
+                area, row, column, source_area, target_area = read
+        except (OSError, RuntimeError, IndexError, AttributeError):
             raise damaged from None
         for side, grid in (("source", source), ("target", target)):
             if told.get(f"{side}_checksum") != checksum(grid):
@@ -355,11 +356,7 @@ class Regrid:
                     f"{path}: made for another {side} grid than {grid!r}: cells or mask differ;"
                     " make the weights anew"
                 )
-        whole = all(
-            (v > 0).all() and np.isfinite(v).all() for v in (area, source_area, target_area)
-        )
-        inside = ((row > 0) & (row <= target.size) & (column > 0) & (column <= source.size)).all()
-        if not (whole and inside and "surface" in told):
+        if told.get("weights_checksum") != digest(*read) or "surface" not in told:
             raise damaged
         overlap = csr_array((area, (row - 1, column - 1)), shape=(target.size, source.size))
         regrid = object.__new__(cls)

@@ -47,9 +47,10 @@ from floebmi.bmi_buffers import copied, indices_of, numbers_of
 from floebmi.errors import InputError, choose, is_word
 from floebmi.files import path_of
 from floebmi.grid import Grid
-from floebmi.quantities import NonNegative, Positive, is_number
+from floebmi.quantities import NonNegative, Positive, flat, is_number
 from floebmi.tables import Table, parse, read_text, validate
 
+MOST_STEPS = 1e9  # in one update: they would take days
 FIELDS, WHOLE = 0, 1  # the two BMI grids: cells, and the ocean as one number
 
 STRESS = tuple(f"sea_ice_bottom_water_flowing__{a}_z_component_of_stress" for a in "xy")
@@ -154,6 +155,11 @@ class TwoSlabOcean(Bmi):
         if time < now:
             raise InputError(f"update_until: time = {time} s is before the current time, {now} s")
         step = self._settings.time.step
+        if time - now > MOST_STEPS * step:
+            raise InputError(
+                f"update_until: time = {time} s is {(time - now) / step:.2g} steps of {step:g} s away; at most"
+                f" {MOST_STEPS:g} are allowed"
+            )
         steps = int(np.ceil((time - now) / step - 1e-9))
         for k in range(1, steps + 1):
             after = time if k == steps else now + k * step
@@ -280,7 +286,10 @@ class TwoSlabOcean(Bmi):
         return copied(values[indices_of(name, inds, values.size)], dest, name)
 
     def set_value(self, name: str, src: np.ndarray) -> None:
-        self.set_value_at_indices(name, np.arange(self._array(name).size), src)
+        size = self._array(name).size
+        if name in INPUTS:
+            src = flat(name, numbers_of(name, src, size), self._grid.shape)
+        self.set_value_at_indices(name, np.arange(size), src)
 
     def set_value_at_indices(self, name: str, inds: np.ndarray, src: np.ndarray) -> None:
         array = self._array(name)

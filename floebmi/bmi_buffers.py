@@ -12,8 +12,8 @@ def copied(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
         raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
     if dest.size != values.size:
         raise InputError(f"{what}: the buffer has {dest.size} places; must have {values.size}")
-    short = dest.dtype.kind in "if" and dest.dtype.itemsize < 4  # integers would overflow
-    if short or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
+    wrong = dest.dtype.kind not in "if" or dest.dtype.itemsize < 4  # integers would overflow
+    if wrong or not np.can_cast(values.dtype, dest.dtype, "same_kind"):
         raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
     if not dest.flags.writeable:
         raise InputError(f"{what}: the buffer is read-only; must be writable")

@@ -127,6 +127,12 @@ class Running:
             return FLOES
         return AIR if row.grid == "atmosphere" and AIR in self.layouts else CELLS
 
+    def shape_of(self, row: Variable | Scalar) -> tuple[int, ...]:
+        """Rows and columns of a variable's values, or their number where there are none."""
+        grids = {CELLS: self.model.grid, AIR: getattr(self.model.atmosphere, "grid", None)}
+        grid = grids.get(self.grid_of(row))
+        return self.values[row.csdms].shape if grid is None else grid.shape
+
     def cells_of(self, row: Variable) -> "Grid":
         """The grid on which a host sets an input."""
         return self._fluid(row.home.partition(".")[0]).grid

@@ -10,6 +10,8 @@ from floebmi.files import check_target
 from floebmi.scene import SUFFIXES, Scene, find_scene, read_scene
 from floebmi.tables import Table, parse, read_text, validate
 
+MOST_FLOES = 1_000_000_000  # more would not fit into memory
+
 
 class BmiTable(Table):
     """How a host sees a scene."""
@@ -20,7 +22,7 @@ class BmiTable(Table):
         "nodes",
         description="cells of a rectilinear grid: nodes of it, or faces of an unstructured one",
     )
-    floe_capacity: Annotated[int, Field(ge=0)] = Field(
+    floe_capacity: Annotated[int, Field(ge=0, le=MOST_FLOES)] = Field(
         0, description="room for single floes, fixed for the run; 0: no floe-level variables"
     )
     restart: str | None = Field(

@@ -71,6 +71,8 @@ def unmasked(values: ArrayLike) -> np.ndarray:
     """
     if _has_unit(values):
         raise InputError(f"{in_line(values)}: must be numbers without a unit")
+    if values is None:  # numpy would take it for NaN
+        raise InputError("None: must be real numbers")
     try:
         array = np.asanyarray(values)
     except ValueError as error:  # rows of unlike lengths

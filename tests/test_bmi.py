@@ -364,6 +364,10 @@ def test_a_state_of_another_date_is_refused_with_table_and_key(scene: Path) -> N
         ('[bmi]\nscene = "nowhere.toml"\n', ["nowhere.toml"]),
         ('[bmi]\nscene = "scene.toml"\ncells = "corners"\n', ["bmi", "cells", "corners", "faces"]),
         ('[bmi]\nscene = "scene.toml"\nfloe_capacity = 2\n', ["floe_capacity", "2"]),
+        (
+            f'[bmi]\nscene = "scene.toml"\nfloe_capacity = {10**30}\n',
+            ["floe_capacity", "at most 1e+09"],
+        ),
         ('[bmi]\nscene = "scene.toml"\nrestart = "none.nc"\n', ["none.nc"]),
         ('[bmi]\nscene = "scene.toml"\ncheckpoint = "no/now.nc"\n', ["checkpoint", "no/now.nc"]),
         ('[bmi]\nscene = "scene.toml"\nset = ["grid.kind=hexagonal"]\n', ["kind", "hexagonal"]),
@@ -757,6 +761,7 @@ def test_buffers_and_indices_that_do_not_hold_the_values_are_refused(tmp_path: P
         (lambda: component.get_grid_face_nodes(0, np.empty(corners, np.int8)), "int8; must hold"),
         (lambda: component.get_value(STRESS, np.empty(192, np.float16)), "float16; must hold"),
         (lambda: component.get_value(STRESS, fixed), "read-only"),
+        (lambda: component.get_value(STRESS, np.empty((16, 12))), "must be .12, 16., rows and columns"),
         (lambda: component.get_value_at_indices(STRESS, np.empty(1), far), "index 9223372036854775813"),
         (lambda: component.get_value_at_indices(STRESS, np.empty(2), masked), "masked indices"),
         (lambda: component.set_value_at_indices(OCEAN[0], masked, np.ones(2)), "masked indices"),

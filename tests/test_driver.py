@@ -564,7 +564,7 @@ def test_convertible_units_are_converted_and_others_are_refused(ocean):
     assert "[km h-1]" in repr(Coupling(other, again, 600.0))
 
     cases = {
-        "kg m-3": "not the same quantity", "": "not units that UDUNITS knows", "metres per hour!": "not units"
+        "kg m-3": "of the floes wants .m s-1.: not the same quantity", "": "not units that UDUNITS knows", "metres per hour!": "not units"
     }  # fmt: skip
     for wrong, text in cases.items():
         host = Altered(ocean(), get_var_units=lambda name, wrong=wrong: wrong)
@@ -814,6 +814,14 @@ def test_weights_made_before_are_used_and_must_fit(ocean):
             Grid.uniform((0, 59), (0, 1), spacing=1.0), Grid.uniform((0, 9), (0, 1), spacing=1.0)
         )
         Coupling(host, ice, 600.0, regrids={(0, 3): other})
+    ny, nx = grid.shape
+    turned = Grid.uniform((0, 20e3), (0, 12e3), shape=(nx, ny))
+    with pytest.raises(InputError, match=f"weights for cells of shape .{nx}, {ny}., but those of"):
+        Coupling(host, ice, 600.0, regrids={(0, 3): Regrid(turned, ice.grid)})
+    x, y, faces = ice.grid.node_x + 500.0, ice.grid.node_y, ice.grid.face_nodes
+    moved = Grid.unstructured(x, y, faces)
+    with pytest.raises(InputError, match="weights for other cells than those of .*of the floes"):
+        Coupling(host, ice, 600.0, regrids={(0, 3): Regrid(grid, moved)})
 
 
 # ---- faults -----------------------------------------------------------------------------------

@@ -475,12 +475,16 @@ def test_a_file_of_weights_that_is_missing_or_damaged_is_one_line(tmp_path):
         with pytest.raises(InputError, match="is a folder; give the name of a file"):
             Regrid(grid, grid).to_netcdf(place)
     assert not list(tmp_path.glob("*.part"))
-    for damaged in (b"no NetCDF", whole[: len(whole) // 2]):
+    attribute = whole.replace(b"first-order conservative", b"First-order conservative")
+    for damaged in (b"no NetCDF", whole[: len(whole) // 2], attribute):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="damaged") as caught:
             Regrid.from_netcdf(path, grid, grid)
         assert "\n" not in str(caught.value)
-    for name, value in (("col", 17), ("row", 0), ("overlap_area", np.nan), ("area_a", -1.0)):
+    for name, value in (
+        ("col", 17), ("row", 0), ("col", 3), ("overlap_area", np.nan), ("overlap_area", 0.9),
+        ("area_a", -1.0), ("area_b", 1.1),
+    ):  # fmt: skip
         path.write_bytes(whole)
         with netCDF4.Dataset(path, "a") as file:
             file[name][3] = value

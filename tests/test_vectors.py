@@ -217,6 +217,7 @@ GRID = GRIDS["uniform"]
         ),
         (lambda: Staggered(GRID, "v").state(np.ma.masked_all(156)), "nan on open v point 12"),
         (lambda: Staggered(GRID, "v").state(np.zeros(144)), "144 values for 156 points"),
+        (lambda: turn(np.ones(3), np.ones(3), None), "^None: must be real numbers"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(attempt, says):
