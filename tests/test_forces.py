@@ -460,3 +460,23 @@ def test_the_short_cut_within_a_uniform_grid_gives_the_fit_of_all_neighbours():
     assert curl(u, v) == pytest.approx(along_x @ v - along_y @ u, abs=1e-15)
     u[~grid.wet] = np.nan
     assert np.isfinite(curl(u, v)).all()
+
+
+def test_the_curl_in_a_cell_is_that_of_the_plane_that_fits_its_wet_neighbours_best():
+    rng = np.random.default_rng(1)
+    x, y = np.meshgrid(np.arange(6.0), np.arange(5.0))
+    wet = np.ones(20, bool)
+    wet[[7, 8, 19]] = False
+    grid = Grid.curvilinear(x + rng.uniform(-0.2, 0.2, x.shape), y + 0.1 * x, wet=wet)
+    u, v = rng.normal(size=(2, grid.size))
+    corners = [set(face.tolist()) for face in grid.face_nodes]
+    expected = np.zeros(grid.size)
+    for c in np.flatnonzero(wet):
+        near = [k for k in np.flatnonzero(wet) if k != c and corners[k] & corners[c]]
+        away = np.column_stack([grid.x[near] - grid.x[c], grid.y[near] - grid.y[c]])
+        d = np.hypot(*away.T)
+        (_, u_y), (v_x, _) = (
+            np.linalg.lstsq(away / d[:, None], (w[near] - w[c]) / d)[0] for w in (u, v)
+        )
+        expected[c] = v_x - u_y
+    assert Vorticity(grid)(u, v) == pytest.approx(expected, abs=1e-12)
