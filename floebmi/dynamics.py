@@ -723,7 +723,7 @@ def verlet(
 def strayed(floes, walls, marked):
     """Half the distance by which two floes, or a floe and a wall, may have come closer since they were marked [m].
 
-    A displacement common to all floes brings none of them closer; it counts only where there are walls or walls.
+    A displacement common to all floes brings none of them closer; it counts only where there are walls or edges.
     """
     none = 0.0 if marked.still or floes.size == 0 else np.inf
     west, east, south, north = none, -none, none, -none
