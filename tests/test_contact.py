@@ -337,7 +337,7 @@ def test_a_law_out_of_its_bounds_is_refused_by_name(law, name):
 def test_the_forces_that_contacts_show_add_up_to_those_that_move_the_floes(law, edges):
     rng = np.random.default_rng(8)
     floes = Floes(*rng.uniform(0.0, 80.0, (2, 30)), 8.0, 1.0)
-    domain = Domain((0.0, 100.0), (0.0, 100.0), *[edges] * 4)
+    domain = Domain((-20.0, 100.0), (-20.0, 100.0), *[edges] * 4)
     relax(floes, domain)
     floes.x[:], floes.y[:] = 0.995 * floes.x, 0.995 * floes.y  # many push each other
     floes.u[:], floes.v[:] = rng.normal(0.0, 0.5, (2, 30))
