@@ -245,7 +245,11 @@ class Coupling:
             if all_wet and checksum(source) == checksum(target):
                 return None
             self._regrids[pair] = Regrid(source, target)
-        regrid = self._regrids[pair]
+        self._refuse_other_weights(self._regrids[pair], names)
+        return self._regrids[pair]
+
+    def _refuse_other_weights(self, regrid: Regrid, names: tuple[str, str]) -> None:
+        """InputError for weights made earlier for other cells than those of the two variables."""
         for side, grid, name in (
             (self.host, regrid.source, names[0]), (self.floes, regrid.target, names[1])
         ):  # fmt: skip
@@ -270,7 +274,6 @@ class Coupling:
                 f" ({known.x[k]:g}, {known.y[k]:g}) m, that of the weights at ({regrid.target.x[k]:g},"
                 f" {regrid.target.y[k]:g}) m; make them with bmi_grid"
             )
-        return regrid
 
     # ---- running -----------------------------------------------------------------------------------
 

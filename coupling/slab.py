@@ -276,7 +276,8 @@ class TwoSlabOcean(Bmi):
         return self._settings.time.step
 
     def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
-        return copied(self._array(name), dest, name)
+        values = self._array(name)
+        return copied(values, dest, name, None if values.size == 1 else self._grid.shape)
 
     def get_value_ptr(self, name: str) -> np.ndarray:
         return self._array(name)

@@ -235,9 +235,7 @@ class FloeBmi(Bmi):
     def get_value(self, name: str, dest: np.ndarray) -> np.ndarray:
         """Copy the values into `dest`, flat or in the rows and columns of the grid; returns it."""
         values = self._array(name)
-        if isinstance(dest, np.ndarray) and dest.size == values.size:
-            flat(f"{name}: the buffer", dest, self._now(name).shape_of(self._row(name)))
-        return copied(values, dest, name)
+        return copied(values, dest, name, self._now(name).shape_of(self._row(name)))
 
     def get_value_ptr(self, name: str) -> np.ndarray:
         """The array itself, which every update overwrites until `finalize`."""

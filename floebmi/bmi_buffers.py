@@ -3,11 +3,16 @@
 import numpy as np
 
 from floebmi.errors import InputError, in_line
-from floebmi.quantities import unmasked
+from floebmi.quantities import flat, unmasked
 
 
-def copied(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
-    """Copy values into the caller's buffer, of any real type that holds them, and return it."""
+def copied(
+    values: np.ndarray, dest: np.ndarray, what: str, shape: tuple[int, ...] | None = None
+) -> np.ndarray:
+    """Copy values into the caller's buffer, of any real type that holds them, and return it.
+
+    shape : rows and columns of the values, which a buffer that is not flat must have
+    """
     if not isinstance(dest, np.ndarray):
         raise InputError(f"{what}: the buffer is a {type(dest).__name__}; must be a numpy array")
     if dest.size != values.size:
@@ -17,6 +22,8 @@ def copied(values: np.ndarray, dest: np.ndarray, what: str) -> np.ndarray:
         raise InputError(f"{what}: the buffer is of type {dest.dtype}; must hold {values.dtype}")
     if not dest.flags.writeable:
         raise InputError(f"{what}: the buffer is read-only; must be writable")
+    if shape is not None:
+        flat(f"{what}: the buffer", dest, shape)
     np.copyto(dest, values.reshape(dest.shape), casting="same_kind")
     return dest
 

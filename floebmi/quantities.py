@@ -61,7 +61,7 @@ def _check_law(place: str, value: object, kinds: list[type], known: list[type]) 
 
 
 def unmasked(values: ArrayLike) -> np.ndarray:
-    """Numbers as float64, NaN where a masked array, as netCDF4 gives, has none: what lies under a mask is no value.
+    """Numbers as float64, NaN where a masked array, as netCDF4 gives, or a column of objects has none (a mask, None).
 
     Raises
     ------

@@ -202,6 +202,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(make, tmp_path):
         (lambda: ocean.get_value(MOMENTUM[0], np.empty(12)), "has 12 places; must have 1"),
         (lambda: ocean.get_value(SURFACE[0], np.empty((12, 2))), "has 24 places; must have 12"),
         (lambda: ocean.get_value(SURFACE[0], [0.0] * 12), "is a list; must be a numpy array"),
+        (lambda: ocean.get_value(SURFACE[0], np.empty((4, 3))), "the buffer has shape .4, 3.: must be"),
         (lambda: ocean.get_value(SURFACE[0], np.empty(12, int)), "of type int64; must hold float64"),
         (lambda: ocean.get_value(SURFACE[0], np.empty(12, complex)), "of type complex128; must hold"),
         (lambda: ocean.get_value(SURFACE[0], np.empty(12, object)), "of type object; must hold"),
